@@ -7,6 +7,7 @@
 """
 
 from .grid import DENSE_LIMIT, Grid, Tiles
+from .reader import GridInfo, read, read_metadata
 from .writer import write
 
-__all__ = ["DENSE_LIMIT", "Grid", "Tiles", "write"]
+__all__ = ["DENSE_LIMIT", "Grid", "GridInfo", "Tiles", "read", "read_metadata", "write"]

@@ -17,6 +17,7 @@ import numpy as np
 
 MAGIC = 0x56444220
 OLDEST_VERSION = 220  # older files store transforms and compression in other places
+VERSION_FRUSTUM_BOX = 221  # from here on the box of a frustum transform is of doubles
 VERSION_NODE_MASK = 222  # from here on a node says how its inactive values were dropped
 WRITTEN_VERSION = 224
 
