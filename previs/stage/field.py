@@ -1,0 +1,239 @@
+"""The voxels behind a field prim: from an OpenVDBAsset to a cleaned grid, read once.
+
+Fields resolve their file through USD, so a path is relative to the layer that authors it and may lie inside a .usdz.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections import Counter, OrderedDict
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from pxr import Ar, Usd
+
+from .. import vdb
+from ..description import Note, SparseGrid
+from ..errors import PrevisError
+from .values import attribute_value
+
+#: Voxels of files that are not in the picture any more are kept up to this many bytes, for scrubbing back and forth.
+CACHE_BYTES = 1 << 30
+
+
+@dataclass
+class LoadedGrid:
+    """A grid, its identity, and what is to be said of it (`notes` are (kind, message))."""
+
+    key: Hashable
+    grid: SparseGrid
+    notes: list[tuple[str, str]]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the leaf values, the bulk of a grid."""
+        return int(self.grid.leaf_values.nbytes + self.grid.leaf_active.nbytes)
+
+
+class GridCache:
+    """Grids by (file, its modification time and size, grid name, field index); the longest unused go first."""
+
+    def __init__(self, counters: Counter[str], limit: int = CACHE_BYTES) -> None:
+        self._grids: OrderedDict[Hashable, LoadedGrid] = OrderedDict()
+        self._used: set[Hashable] = set()
+        self._counters = counters
+        self._limit = limit
+
+    def begin(self) -> None:
+        """Start a reading: from here on every grid that is asked for is in the picture."""
+        self._used.clear()
+
+    def use(self, key: Hashable) -> None:
+        """Say that a grid is in the picture although nobody asked for it anew."""
+        self._used.add(key)
+
+    def end(self) -> None:
+        """Drop what is over the limit and not in the picture."""
+        total = sum(g.nbytes for g in self._grids.values())
+        for key in list(self._grids):
+            if total <= self._limit:
+                break
+            if key not in self._used:
+                total -= self._grids.pop(key).nbytes
+
+    def load(self, resolved: str, name: str, index: int | None) -> LoadedGrid:
+        """The grid of a file. Raises `PrevisError` without a prim path: the caller knows whose field it is."""
+        key = (*_identity(resolved), name, index)
+        self._used.add(key)
+        found = self._grids.get(key)
+        if found is None:
+            grid, notes = _pick(_read_file(resolved, name), resolved, index)
+            self._counters["grids"] += 1
+            grid, repairs = cleaned(grid)
+            found = self._grids[key] = LoadedGrid(key, grid, notes + repairs)
+        self._grids.move_to_end(key)
+        return found
+
+
+def read_field(prim: Usd.Prim, time: Usd.TimeCode, grids: GridCache) -> tuple[LoadedGrid, list[Note]]:
+    """The grid that an OpenVDBAsset names at a time, with the notes about it.
+
+    Raises `PrevisError`, which names the prim, the file and, for a wrong name, the grids that the file has.
+    """
+    asset = attribute_value(prim, "filePath", time)
+    if asset is None or not asset.path:
+        raise PrevisError(f"{prim.GetPath()}: has no filePath at this time; author the path of a .vdb file")
+    resolved = asset.resolvedPath
+    if not resolved or not (Ar.IsPackageRelativePath(resolved) or os.path.isfile(resolved)):
+        raise PrevisError(f"{prim.GetPath()}: {asset.path}: no such file (paths are relative to the authoring layer)")
+    name = str(attribute_value(prim, "fieldName", time, "") or "")
+    index_attribute = prim.GetAttribute("fieldIndex")
+    index = index_attribute.Get(time) if index_attribute else None
+    try:
+        loaded = grids.load(resolved, name, None if index is None else int(index))
+    except PrevisError as error:
+        raise PrevisError(f"{prim.GetPath()}: {error}") from error
+    notes = [Note(kind, str(prim.GetPath()), message) for kind, message in loaded.notes]
+    if (
+        attribute_value(prim, "fieldClass", time) == "levelSet"
+        and getattr(loaded.grid, "grid_class", "") != "level set"
+    ):
+        notes.append(Note("approximated", str(prim.GetPath()), _LEVEL_SET))
+    return loaded, notes
+
+
+_LEVEL_SET = "is a level set: its distances are read as densities (negative ones as none)"
+
+
+def _identity(resolved: str) -> tuple[Hashable, ...]:
+    """(real path, modification time, size): equal for the same content under any path."""
+    outer, inner = resolved, ""
+    if Ar.IsPackageRelativePath(resolved):
+        outer, inner = Ar.SplitPackageRelativePathOuter(resolved)
+    try:
+        status = os.stat(outer)
+    except OSError as error:
+        raise PrevisError(f"{outer}: {error.strerror or error}") from error
+    return os.path.realpath(outer), inner, status.st_mtime_ns, status.st_size
+
+
+def _read_file(resolved: str, name: str) -> list[SparseGrid]:
+    """The grids of that name; for an empty name those of the only name in the file."""
+    if not Ar.IsPackageRelativePath(resolved):
+        return _read_vdb(resolved, resolved, name)
+    asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved))
+    if not asset:
+        raise PrevisError(f"{resolved}: no such file in the package")
+    with tempfile.TemporaryDirectory(prefix="previs-") as folder:
+        path = os.path.join(folder, "field.vdb")
+        with open(path, "wb") as file:
+            file.write(asset.GetBuffer())
+        return _read_vdb(path, resolved, name)
+
+
+def _read_vdb(path: str, label: str, name: str) -> list[SparseGrid]:
+    try:
+        found = vdb.read(path, names=[name]) if name else []
+        if found:
+            return found
+        known = sorted({info.name for info in vdb.read_metadata(path)})
+        if not known:
+            raise PrevisError(f"{label}: holds no grids")
+        if name:
+            raise PrevisError(f"{label}: no grid named {name}; its grids: {', '.join(known)}")
+        if len(known) > 1:
+            raise PrevisError(f"{label}: fieldName is not authored and the file has several grids: {', '.join(known)}")
+        return vdb.read(path, names=known)
+    except NotImplementedError as error:
+        raise PrevisError(f"{label}: not supported: {_sentence(error, path)}") from error
+    except OSError as error:
+        raise PrevisError(f"{label}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise PrevisError(f"{label}: not a readable .vdb file: {_sentence(error, path)}") from error
+
+
+def _sentence(error: Exception, path: str) -> str:
+    """An error's message as one line without the path, which stands before it already."""
+    return " ".join(str(error).removeprefix(f"{path}: ").split()).rstrip(".")
+
+
+def _pick(found: list[SparseGrid], label: str, index: int | None) -> tuple[SparseGrid, list[tuple[str, str]]]:
+    """The grid that the index selects among those of one name."""
+    notes = []
+    if len(found) == 1:
+        # A single grid is meant whatever the index says: exporters number grids by their place in the file.
+        grid = found[0]
+    elif index is None:
+        grid = min(found, key=lambda g: g.index)
+        notes.append(
+            (
+                "approximated",
+                f"{len(found)} grids are named {grid.name} and fieldIndex is not authored; the first is read",
+            )
+        )
+    else:
+        chosen = [g for g in found if g.index == index]
+        if not chosen:
+            known = ", ".join(str(g.index) for g in sorted(found, key=lambda g: g.index))
+            raise PrevisError(f"{label}: no grid {found[0].name} with fieldIndex {index}; there are: {known}")
+        grid = chosen[0]
+    if grid.grid_class == "level set":
+        notes.append(("approximated", _LEVEL_SET))
+    return grid, notes
+
+
+def cleaned(grid: SparseGrid) -> tuple[SparseGrid, list[tuple[str, str]]]:
+    """The grid without NaN and negative values (now 0) and infinities (now the largest finite value), and notes.
+
+    The background, tiles and inactive voxels are cleaned too, since interpolation reaches them; only active values are
+    counted.
+    """
+    largest = _largest_finite(grid)
+    notes = []
+    bad = {"NaN": 0, "infinite": 0, "negative": 0}
+    values, counts = _clean_array(np.asarray(grid.leaf_values), largest, np.asarray(grid.leaf_active))
+    for name, count in counts.items():
+        bad[name] += count
+    changes: dict[str, object] = {"leaf_values": values}
+    for attribute in ("tiles", "inactive_tiles"):
+        tiles = getattr(grid, attribute)
+        tile_values, counts = _clean_array(np.asarray(tiles.value), largest, None)
+        if tile_values is not tiles.value:
+            changes[attribute] = replace(tiles, value=tile_values)
+        if attribute == "tiles":
+            for name, count in counts.items():
+                bad[name] += count
+    background, _ = _clean_array(np.atleast_1d(np.asarray(grid.background, float)), largest, None)
+    if not np.array_equal(background, np.atleast_1d(np.asarray(grid.background, float))):
+        changes["background"] = background.item() if background.size == 1 else tuple(background.tolist())
+    if any(bad.values()):
+        what = ", ".join(f"{count} {name}" for name, count in bad.items() if count)
+        plural = "value was" if sum(bad.values()) == 1 else "values were"
+        notes.append(("repaired", f"{what} {plural} cleaned in grid {grid.name or '(unnamed)'}"))
+    if values is grid.leaf_values and len(changes) == 1:
+        return grid, notes
+    return replace(grid, **changes), notes
+
+
+def _largest_finite(grid: SparseGrid) -> float:
+    candidates = [np.asarray(grid.leaf_values), np.asarray(grid.tiles.value)]
+    finite = [float(np.max(a, where=np.isfinite(a), initial=0.0)) for a in candidates if a.size]
+    return max(finite, default=0.0)
+
+
+def _clean_array(values: np.ndarray, largest: float, active: np.ndarray | None) -> tuple[np.ndarray, dict[str, int]]:
+    """(cleaned values, counts of what was wrong among active ones); the same array when nothing was."""
+    # min and max are NaN if any value is: two passes tell whether there is anything to do.
+    if values.size == 0 or (values.min() >= 0 and values.max() < np.inf):
+        return values, {}
+    wrong = {"NaN": np.isnan(values), "infinite": np.isposinf(values), "negative": values < 0}
+    result = values.copy()
+    result[wrong["NaN"] | wrong["negative"]] = 0
+    result[wrong["infinite"]] = largest
+    counts = {}
+    for name, mask in wrong.items():
+        voxels = mask.any(axis=-1) if active is not None and mask.ndim > active.ndim else mask
+        counts[name] = int(np.count_nonzero(voxels & active if active is not None else voxels))
+    return result, counts

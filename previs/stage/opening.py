@@ -1,0 +1,91 @@
+"""Opening a stage, with one clear line for whatever is wrong with the file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from pxr import Ar, Sdf, Tf, Usd
+
+from ..errors import PrevisError
+from .diagnostics import one_line, quiet_diagnostics
+
+FilePath = str | os.PathLike[str]
+
+
+def open_stage(
+    path: FilePath,
+    session_layer: FilePath | None = None,
+    mask: Iterable[str] | str | None = None,
+    variants: Mapping[str, Mapping[str, str]] | None = None,
+) -> Usd.Stage:
+    """Open a .usd, .usda, .usdc or .usdz file with all payloads.
+
+    `session_layer` is a layer file composed over the stage. Edits never change that file: they go to an anonymous
+    layer above it. `mask` limits the stage to these prim paths, and to what they bind or connect to. `variants` maps
+    prim paths to {variant set: variant}; the choice is authored on the session layer.
+
+    Raises `PrevisError`, one line that names the file or prim, when the file is missing, is no stage or is damaged, or
+    when a mask path, prim or variant does not exist.
+    """
+    name = os.fspath(path)
+    with quiet_diagnostics():
+        root = _open_layer(name)
+        session = Sdf.Layer.CreateAnonymous("session.usda")
+        if session_layer is not None:
+            session.subLayerPaths.append(_open_layer(os.fspath(session_layer)).identifier)
+        paths = [mask] if isinstance(mask, str) else list(mask or ())
+        try:
+            if paths:
+                stage = Usd.Stage.OpenMasked(root, session, _population_mask(paths))
+                stage.ExpandPopulationMask()
+            else:
+                stage = Usd.Stage.Open(root, session)
+        except Tf.ErrorException as error:
+            raise PrevisError(f"{name}: cannot open the stage: {one_line(error)}") from error
+        for masked in paths:
+            if not stage.GetPrimAtPath(masked):
+                raise PrevisError(f"{name}: no prim at {masked}, which the mask asks for")
+        for prim_path, selections in (variants or {}).items():
+            _select_variants(stage, name, prim_path, selections)
+    return stage
+
+
+def _open_layer(name: str) -> Sdf.Layer:
+    if os.path.isdir(name):
+        raise PrevisError(f"{name}: is a folder, not a USD file")
+    resolved = Ar.GetResolver().Resolve(name)
+    if not resolved:
+        raise PrevisError(f"{name}: no such file")
+    if not Sdf.FileFormat.FindByExtension(Ar.GetResolver().GetExtension(name)):
+        ending = Path(name).suffix or "no ending"
+        raise PrevisError(f"{name}: not a USD file ({ending}); expected .usd, .usda, .usdc or .usdz")
+    try:
+        layer = Sdf.Layer.FindOrOpen(name)
+    except Tf.ErrorException as error:
+        raise PrevisError(f"{name}: cannot be read as USD: {one_line(error)}") from error
+    if layer is None:
+        raise PrevisError(f"{name}: cannot be read as USD")
+    return layer
+
+
+def _population_mask(paths: list[str]) -> Usd.StagePopulationMask:
+    for path in paths:
+        if not Sdf.Path.IsValidPathString(path) or not Sdf.Path(path).IsAbsoluteRootOrPrimPath():
+            raise PrevisError(f"{path}: not a prim path (expected /Prim/Child)")
+    return Usd.StagePopulationMask(paths)
+
+
+def _select_variants(stage: Usd.Stage, name: str, prim_path: str, selections: Mapping[str, str]) -> None:
+    prim = stage.GetPrimAtPath(prim_path) if Sdf.Path.IsValidPathString(prim_path) else None
+    if not prim:
+        raise PrevisError(f"{name}: no prim at {prim_path} to choose a variant of")
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        for set_name, variant in selections.items():
+            variant_set = prim.GetVariantSets().GetVariantSet(set_name)
+            names = variant_set.GetVariantNames() if prim.GetVariantSets().HasVariantSet(set_name) else []
+            if variant not in names:
+                known = ", ".join(names) or "none"
+                raise PrevisError(f"{prim_path}: no variant {set_name}={variant} (there are: {known})")
+            variant_set.SetVariantSelection(variant)

@@ -1,0 +1,285 @@
+"""Reads a stage into a scene description, and reads again only what changed.
+
+Every prim that gives something has a `Translation`: its records and the prims they depend on. At an unchanged time a
+new reading keeps the translations that no change notice reached. A recomposition of prims (an added or removed prim, a
+variant, a first binding) or another time makes all of them anew, which is cheap: voxels and triangles come from
+caches of their own, which only a change of the properties behind them empties.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdVol
+
+from ..description import Camera, Light, Mesh, Note, SceneDescription, Volume
+from ..errors import PrevisError
+from .camera import read_camera
+from .changes import ChangeTracker
+from .context import Context, Placement, Translation
+from .diagnostics import quiet_diagnostics
+from .field import GridCache
+from .geometry import GeometryCache
+from .instancing import is_visible_purpose, prototype_path, read_point_instancer
+from .light import is_light, read_light
+from .material import bound_material, is_volume_only
+from .mesh import read_mesh
+from .primitives import is_primitive
+from .render_settings import RenderSettings, read_render_settings
+from .values import numpy_matrix
+from .volume import read_homogeneous_shape, read_volume
+
+#: A light whose radius is more than this part of the scene's diagonal is noted as reduced to its centre.
+LARGE_LIGHT = 0.05
+
+_MEDIUM_SHAPES = ("Cube", "Sphere", "Capsule")
+
+Time = float | Usd.TimeCode | None
+
+
+class StageReader:
+    """Translates one stage at any time, remembering what it read.
+
+    `purposes` are the purposes shown besides "default". `mask` limits the reading to these prims and what is below
+    them; materials elsewhere still count. With `keep_going` a volume whose field cannot be read is left out with a
+    note instead of failing the reading. `counters` counts the work done so far: "prims" translated, "grids" read from
+    files, "geometry" built.
+    """
+
+    def __init__(
+        self,
+        stage: Usd.Stage,
+        purposes: Iterable[str] = ("default", "render"),
+        mask: Iterable[str] | None = None,
+        keep_going: bool = False,
+    ) -> None:
+        self.stage = stage
+        self.keep_going = keep_going
+        self.counters: Counter[str] = Counter()
+        self._purposes = frozenset(purposes) | {"default"}
+        self._mask = Usd.StagePopulationMask(list(mask)) if mask is not None else None
+        self._grids = GridCache(self.counters)
+        self._geometries = GeometryCache(self.counters)
+        self._tracker = ChangeTracker(stage)
+        self._prims: list[Usd.Prim] | None = None
+        self._translations: dict[Sdf.Path, Translation] = {}
+        self._time: Usd.TimeCode | None = None
+        self._stage_notes: list[Note] = []
+
+    @property
+    def pending(self) -> bool:
+        """Whether the stage changed since it was last read."""
+        return self._tracker.pending
+
+    def close(self) -> None:
+        """Stop listening to the stage and drop everything read."""
+        self._tracker.close()
+        self._translations.clear()
+        self._prims = None
+
+    def render_settings(self, path: str | None = None) -> RenderSettings | None:
+        """The stage's RenderSettings, see `read_render_settings`."""
+        return read_render_settings(self.stage, path)
+
+    def read(self, time: Time = None) -> SceneDescription:
+        """Everything in the stage at a time code that a renderer may use.
+
+        `time` is a number, a Usd.TimeCode, or None for the earliest time (as usdrecord renders a stage without
+        frames). Raises `PrevisError`, one line that names the prim, the file and the cause, when a volume cannot be
+        read and the reader does not keep going.
+        """
+        with quiet_diagnostics():
+            return self._read(_time_code(time))
+
+    def _read(self, time: Usd.TimeCode) -> SceneDescription:
+        self._drop_stale(time)
+        context = Context(
+            self.stage,
+            time,
+            UsdGeom.XformCache(time),
+            self._grids,
+            self._geometries,
+            self.counters,
+            self._purposes,
+            self.keep_going,
+        )
+        self._grids.begin()
+        if self._prims is None:
+            self._prims = list(self._interesting_prims())
+            self._stage_notes = list(self._composition_notes())
+        translations = []
+        for prim in self._prims:
+            path = prim.GetPath()
+            out = self._translations.get(path)
+            if out is None:
+                out = self._translate(prim, context)
+                # Kept only when complete: a failing prim is tried again by the next reading.
+                self._translations[path] = out
+            translations.append(out)
+        for out in translations:
+            for key in out.grid_keys:
+                self._grids.use(key)
+        self._grids.end()
+        scene = self._merge(translations)
+        self._geometries.keep({m.geometry.key for m in scene.meshes.values()})
+        return scene
+
+    def _drop_stale(self, time: Usd.TimeCode) -> None:
+        changes = self._tracker.take()
+        if changes:
+            self._geometries.forget(changes)
+        if changes.resynced or changes.everything:
+            self._prims = None
+        if changes.resynced or changes.everything or time != self._time:
+            self._translations.clear()
+        elif changes.properties:
+            dirty = list(changes.properties)
+            for path in [p for p, out in self._translations.items() if out.stale(dirty)]:
+                del self._translations[path]
+        self._time = time
+
+    def _interesting_prims(self) -> Iterator[Usd.Prim]:
+        """Prims that may give records, in the order of the stage; those under PointInstancers belong to them."""
+        predicate = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
+        walk = iter(Usd.PrimRange(self.stage.GetPseudoRoot(), predicate))
+        for prim in walk:
+            if prim.IsPseudoRoot():
+                continue
+            if self._mask is not None and not self._mask.IncludesSubtree(prim.GetPath()):
+                if not self._mask.Includes(prim.GetPath()):
+                    walk.PruneChildren()
+                continue
+            if prim.IsA(UsdGeom.PointInstancer):
+                walk.PruneChildren()
+            if prim.IsA(UsdGeom.Imageable) or is_light(prim):
+                yield prim
+
+    def _composition_notes(self) -> Iterator[Note]:
+        for error in self.stage.GetCompositionErrors():
+            site = getattr(error, "rootSite", None)
+            path = str(site.path) if site is not None else "/"
+            yield Note("missing", path, " ".join(str(error).split()))
+
+    def _translate(self, prim: Usd.Prim, context: Context) -> Translation:
+        self.counters["prims"] += 1
+        out = Translation(prim.GetPath())
+        if prim.IsInstanceProxy():
+            # Edits of shared content arrive under the prototype's path.
+            out.depend(prim.GetPrimInPrototype().GetPath())
+        if prim.IsA(UsdGeom.Camera):
+            read_camera(prim, context, out)
+            return out
+        imageable = UsdGeom.Imageable(prim)
+        if imageable and imageable.ComputeVisibility(context.time) == UsdGeom.Tokens.invisible:
+            return out
+        if not is_visible_purpose(prim, context):
+            return out
+        matrix = numpy_matrix(context.xforms.GetLocalToWorldTransform(prim))
+        _translate_placed(prim, Placement.single(matrix), context, out)
+        return out
+
+    def _merge(self, translations: list[Translation]) -> SceneDescription:
+        volumes: dict[str, Volume] = {}
+        lights: dict[str, Light] = {}
+        meshes: dict[str, Mesh] = {}
+        cameras: dict[str, Camera] = {}
+        notes = dict.fromkeys(self._stage_notes)
+        for out in translations:
+            for records, target in ((out.volumes, volumes), (out.lights, lights), (out.meshes, meshes)):
+                for record in records:
+                    _insert(target, record, out.path)
+            for camera in out.cameras:
+                cameras[camera.path] = camera
+            # A material shared by many prims is reported once.
+            notes.update(dict.fromkeys(out.notes))
+        scene = SceneDescription(
+            volumes,
+            lights,
+            meshes,
+            cameras,
+            (),
+            "Z" if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else "Y",
+        )
+        notes.update(dict.fromkeys(_subdivision_notes(translations)))
+        notes.update(dict.fromkeys(_large_light_notes(scene)))
+        return replace(scene, notes=tuple(notes))
+
+
+def _translate_placed(prim: Usd.Prim, placement: Placement, context: Context, out: Translation) -> None:
+    """Translate a visible prim at its places, whatever it is."""
+    if prim.IsA(UsdGeom.PointInstancer):
+        read_point_instancer(prim, placement, context, out, _translate_placed)
+        return
+    if prim.IsA(UsdVol.Volume):
+        read_volume(prim, placement, context, out)
+    elif prim.GetTypeName() in _MEDIUM_SHAPES and _is_medium(prim, out):
+        read_homogeneous_shape(prim, placement, context, out)
+    elif prim.IsA(UsdGeom.Mesh) or is_primitive(prim):
+        read_mesh(prim, placement, context, out)
+    elif prim.IsA(UsdGeom.Gprim):
+        out.note("ignored", prim, f"{prim.GetTypeName()} prims are not shown")
+    elif prim.GetTypeName() == "SkelRoot":
+        out.note("approximated", prim, "skinning is not evaluated: meshes are shown as authored")
+    elif prim.IsA(UsdLux.LightFilter):
+        out.note("ignored", prim, "light filters are not modelled")
+    elif prim.IsA(UsdGeom.Camera) and placement.instancer is not None:
+        out.note("ignored", prim, "a camera inside a prototype")
+    # A mesh with MeshLightAPI is both.
+    if is_light(prim):
+        read_light(prim, placement, context, out)
+
+
+def _is_medium(prim: Usd.Prim, out: Translation) -> bool:
+    material = bound_material(prim, Translation(out.path))
+    return material is not None and is_volume_only(material)
+
+
+def _insert(target: dict[str, Volume] | dict[str, Light] | dict[str, Mesh], record, owner: Sdf.Path) -> None:
+    """Add a record; one that another instancer of the same prototype made already gets a path of its own."""
+    path = record.path
+    if path in target:
+        path = prototype_path(path, owner)
+    target[path] = record if path == record.path else replace(record, path=path)
+
+
+def _subdivision_notes(translations: list[Translation]) -> list[Note]:
+    """One note for all subdivision surfaces: nearly every mesh is one by the schema's default."""
+    paths = [out.path for out in translations if out.subdivided]
+    if not paths:
+        return []
+    what = "a subdivision surface is" if len(paths) == 1 else f"{len(paths)} subdivision surfaces are"
+    return [Note("approximated", str(paths[0]), f"{what} shown as control cage, smoothly shaded")]
+
+
+def _large_light_notes(scene: SceneDescription) -> list[Note]:
+    bounds = scene.world_bounds()
+    if bounds is None:
+        return []
+    diagonal = float(np.linalg.norm(bounds[1] - bounds[0]))
+    return [
+        Note(
+            "approximated",
+            light.path,
+            f"lights media from its centre; its radius {light.world_radius:.4g} is "
+            f"{100.0 * light.world_radius / diagonal:.0f} % of the scene's diagonal",
+        )
+        for light in scene.lights.values()
+        if light.kind == "sphere"
+        and not light.treat_as_point
+        and diagonal > 0.0
+        and light.world_radius > LARGE_LIGHT * diagonal
+    ]
+
+
+def _time_code(time: Time) -> Usd.TimeCode:
+    if time is None:
+        return Usd.TimeCode.EarliestTime()
+    if isinstance(time, Usd.TimeCode):
+        return time
+    value = float(time)
+    if not np.isfinite(value):
+        raise PrevisError(f"time {time} is not a finite time code")
+    return Usd.TimeCode(value)
