@@ -142,7 +142,10 @@ class Grid:
                 f"grid {self.name!r}: a dense array of {shape[0]}×{shape[1]}×{shape[2]} voxels is over the limit "
                 f"of {limit} voxels; ask for a smaller box or raise the limit"
             )
-        out = np.empty((*shape, *self.spec.shape), self.spec.scalar)
+        try:
+            out = np.empty((*shape, *self.spec.shape), self.spec.scalar)
+        except MemoryError:
+            raise ValueError(f"grid {self.name!r}: there is no memory for {count} voxels") from None
         out[...] = self.background
         lower, upper = np.array(low, np.int64), np.array(high, np.int64)
         for tiles in (self.inactive_tiles, self.tiles):
