@@ -1,0 +1,136 @@
+"""Sparse grids made dense for the GPU: padded, normalised, in half floats, and reduced where they are too large.
+
+A packed field covers the active box and one voxel around it, where the field falls to its background, so that the
+trilinear filter of the texture unit gives the field as it is defined and nothing outside it is ever needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..description import Field
+
+#: Largest edge of a 3D texture assumed when a plan is made without a device; GL 3.3 drivers in use offer this.
+DEFAULT_TEXTURE_LIMIT = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class PackedField:
+    """A dense block of voxels ready for upload.
+
+    `values` is float16 of shape (z, y, x) or (z, y, x, 4), x fastest as a 3D texture wants it; the field is
+    ``values · scale``. `box_to_index` is 4×4 and maps the unit box, whose corners are the centres of the corner
+    voxels of the block, to the grid's index space. `reduction` is the edge of the cube of voxels averaged into
+    one (1: none).
+    """
+
+    values: np.ndarray
+    scale: float
+    box_to_index: np.ndarray
+    reduction: int
+
+    @property
+    def size(self) -> tuple[int, int, int]:
+        """Texels along x, y, z."""
+        z, y, x = self.values.shape[:3]
+        return x, y, z
+
+
+def reduction_factor(dims: np.ndarray, bytes_per_voxel: int, memory: int, texture_limit: int) -> int:
+    """The smallest power of two by which a block of `dims` voxels has to shrink to fit memory and texture limits."""
+    factor = 1
+    while True:
+        reduced = -(-np.asarray(dims, np.int64) // factor) + 2
+        if reduced.max() <= texture_limit and int(np.prod(reduced)) * bytes_per_voxel <= memory:
+            return factor
+        factor *= 2
+
+
+def field_dims(field: Field) -> np.ndarray:
+    """Voxels of the active box along x, y, z (zeros for an empty grid)."""
+    if field.grid.active_count == 0:
+        return np.zeros(3, np.int64)
+    lo, hi = field.grid.bounds
+    return np.asarray(hi, np.int64) - np.asarray(lo, np.int64) + 1
+
+
+def is_vector(field: Field) -> bool:
+    """Whether the field holds three values per voxel."""
+    return field.grid.leaf_values.ndim == 5
+
+
+def planned_reduction(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT) -> int:
+    """The reduction that `pack` will apply for that much memory (bytes)."""
+    return reduction_factor(field_dims(field), 8 if is_vector(field) else 2, memory, texture_limit)
+
+
+def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT) -> PackedField:
+    """Pack a field of at least one active voxel, averaging cubes of voxels where it would exceed the limits.
+
+    Args:
+        field: its grid holds finite, cleaned values.
+        memory: bytes that the block may take.
+        texture_limit: largest edge of a 3D texture.
+    """
+    grid = field.grid
+    lo, hi = (np.asarray(b, np.int64) for b in grid.bounds)
+    factor = planned_reduction(field, memory, texture_limit)
+    if factor == 1:
+        dense = grid.dense(lo - 1, hi + 1)
+        first = lo - 1
+    else:
+        dense = _reduced(grid, lo, hi, factor)
+        first = lo // factor - 1
+    peak = float(np.abs(dense).max()) if dense.size else 0.0
+    # Values are stored relative to the peak: densities far outside the range of a half float keep their precision.
+    scale = peak if peak > 0.0 and np.isfinite(peak) else 1.0
+    values = np.empty((*dense.shape[2::-1], 4) if dense.ndim == 4 else dense.shape[::-1], np.float16)
+    if dense.ndim == 4:
+        values[..., :3] = (dense / scale).transpose(2, 1, 0, 3)
+        values[..., 3] = 0.0
+    else:
+        values[...] = (dense / scale).transpose(2, 1, 0)
+    # Box coordinate 0 is the centre of the block's first voxel, 1 that of its last.
+    cells = np.array(dense.shape[:3], float) - 1.0
+    box_to_index = np.eye(4)
+    box_to_index[:3, :3] = np.diag(cells * factor)
+    box_to_index[3, :3] = (first + 0.5) * factor - 0.5
+    return PackedField(values, scale, box_to_index, factor)
+
+
+def _reduced(grid, lo: np.ndarray, hi: np.ndarray, factor: int) -> np.ndarray:
+    """Means over cubes of `factor`³ voxels aligned to multiples of the factor, with one cell of margin."""
+    first, last = lo // factor - 1, hi // factor + 1
+    shape = last - first + 1
+    channels = grid.leaf_values.shape[4:]
+    total = np.zeros((*shape, *channels), np.float32)
+    background = np.asarray(grid.background, np.float32)
+    values = np.where(
+        grid.leaf_active[(...,) + (None,) * len(channels)], grid.leaf_values, background
+    ).astype(np.float32) - background
+    edge = min(factor, 8)
+    cells = 8 // edge
+    blocks = values.reshape(-1, cells, edge, cells, edge, cells, edge, *channels).sum(axis=(2, 4, 6))
+    offsets = np.stack(np.meshgrid(*[np.arange(cells) * edge] * 3, indexing="ij"), axis=-1)
+    where = (grid.leaf_origins[:, None, None, None, :] + offsets) // factor - first
+    np.add.at(total, tuple(where.reshape(-1, 3).T), blocks.reshape(-1, *channels))
+    tiles = grid.tiles
+    for origin, size, value in zip(tiles.origin, tiles.size, tiles.value, strict=True):
+        _add_box(total, np.asarray(origin, np.int64), int(size), np.asarray(value, np.float32) - background, factor, first)
+    return total / float(factor) ** 3 + background
+
+
+def _add_box(total: np.ndarray, origin: np.ndarray, size: int, value, factor: int, first: np.ndarray) -> None:
+    """Add `value` times the number of voxels that each cell shares with the cube at `origin`."""
+    overlaps, slices = [], []
+    for axis in range(3):
+        begin, end = origin[axis], origin[axis] + size
+        cell0, cell1 = begin // factor, (end - 1) // factor
+        edges = np.arange(cell0, cell1 + 1) * factor
+        overlaps.append(np.minimum(edges + factor, end) - np.maximum(edges, begin))
+        slices.append(slice(cell0 - first[axis], cell1 + 1 - first[axis]))
+    share = overlaps[0][:, None, None] * overlaps[1][None, :, None] * overlaps[2][None, None, :]
+    share = share.astype(np.float32)
+    total[tuple(slices)] += share[..., None] * value if total.ndim == 4 else share * value

@@ -1,0 +1,169 @@
+"""What the passes of a frame share: the context, the stores, and how programs are given their inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import moderngl
+import numpy as np
+
+from .. import blackbody
+from . import uniforms
+from .plan import Plan, density_weighting
+from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
+from .shader import Program, ShaderCache
+
+#: Texture units by sampler name; no program reads more than the 16 that GL 3.3 guarantees.
+UNITS = {
+    "density_atlas": 0,
+    "shadow_atlas": 1,
+    "map_range": 2,
+    "map_coefficients0": 3,
+    "map_coefficients1": 4,
+    "map_coefficients2": 5,
+    "map_coefficients3": 6,
+    "map_coefficients4": 7,
+    "gbuffer_normal_distance": 8,
+    "gbuffer_diffuse_roughness": 9,
+    "gbuffer_specular": 10,
+    "gbuffer_emissive": 11,
+    "temperature_atlas": 12,
+    "emission_atlas": 13,
+    "blackbody_table": 14,
+    "march_scattered": 0,
+    "march_transmittance": 1,
+    "march_emission": 2,
+    "surface_radiance": 3,
+}
+
+#: Distance written where a view ray meets no mesh.
+BACKGROUND_DISTANCE = 1e30
+
+
+class Frame:
+    """The stores of a renderer together with the plan being drawn.
+
+    `progress` is called with a fraction in [0, 1] during passes that can be long; it may raise to stop the frame.
+    """
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self.context = context
+        self.shaders = ShaderCache(context)
+        self.density = FieldAtlas(context, 1)
+        self.temperature = FieldAtlas(context, 1)
+        self.emission = FieldAtlas(context, 4)
+        self.maps = MapAtlas(context)
+        self.shadows = ShadowAtlas(context)
+        self.meshes = MeshStore(context)
+        self.targets = Targets(context)
+        self.progress: Callable[[float], None] | None = None
+        self._plan: Plan | None = None
+        self._buffers: dict[int, moderngl.Buffer] = {}
+        self._blackbody: moderngl.Texture | None = None
+
+    @property
+    def plan(self) -> Plan:
+        """The plan being drawn."""
+        assert self._plan is not None
+        return self._plan
+
+    @plan.setter
+    def plan(self, plan: Plan) -> None:
+        self._plan = plan
+
+    def fullscreen(self, fragment: str, **defines: Any) -> Program:
+        """The program that runs a fragment shader over the whole target, compiled for the plan."""
+        return self.shaders.get("fullscreen.vert", fragment, **{**self.plan.defines, **defines})
+
+    def draw_fullscreen(self, program: Program) -> None:
+        """Run a program made by `fullscreen` over the bound framebuffer."""
+        vertex_array = self.context.vertex_array(program.program, [])
+        vertex_array.render(moderngl.TRIANGLES, vertices=3)
+        vertex_array.release()
+
+    def bind(self, program: Program, **textures: moderngl.Texture | moderngl.Texture3D | None) -> None:
+        """Bind textures to the units of the samplers of that name."""
+        for name, texture in textures.items():
+            if texture is not None:
+                texture.use(UNITS[name])
+                program.set(**{name: UNITS[name]})
+
+    def bind_camera(self, program: Program) -> None:
+        """Set the uniforms of camera.glsl."""
+        rays = self.plan.rays
+        program.set(
+            camera_anchor=np.asarray(rays.anchor, np.float32).tobytes(),
+            camera_direction=np.asarray(rays.direction, np.float32).tobytes(),
+            camera_depths=(rays.anchor_depth, rays.near, rays.far),
+        )
+
+    def bind_lighting(self, program: Program, batch: range) -> None:
+        """Give a program everything that lights.glsl, medium.glsl and transmittance.glsl read, for one batch of lights."""
+        plan = self.plan
+        self._block(program, "Volumes", uniforms.pack_volumes(plan, self.density.placements))
+        self._block(program, "Lights", uniforms.pack_lights(plan, batch))
+        if plan.defines["HAS_GRIDS"] and plan.settings.transmittance != "march":
+            weighting = density_weighting(plan.volumes, plan.settings)
+            self._block(program, "LightMaps", uniforms.pack_light_maps(plan, batch, weighting))
+            layers = {f"map_coefficients{i}": t for i, t in enumerate(self.maps.coefficients)}
+            self.bind(program, map_range=self.maps.range, **layers)
+            program.set(map_size=float(plan.map_size))
+        self.bind(program, density_atlas=self.density.texture)
+        if plan.shadow_tiles:
+            self.bind(program, shadow_atlas=self.shadows.texture)
+            program.set(shadow_tiling=self.shadows.tiling(plan))
+        program.set(light_count=len(batch), ambient=plan.ambient, first_batch=batch.start == 0)
+
+    def bind_emission(self, program: Program) -> None:
+        """Give a program everything that emission.glsl reads."""
+        plan = self.plan
+        block = uniforms.pack_emissions(plan, self.temperature.placements, self.emission.placements)
+        self._block(program, "Emissions", block)
+        if self._blackbody is None:
+            table = blackbody.table()
+            self._blackbody = self.context.texture((len(table), 1), 3, table.tobytes(), dtype="f4")
+            self._blackbody.repeat_x = self._blackbody.repeat_y = False
+        self.bind(
+            program,
+            temperature_atlas=self.temperature.texture,
+            emission_atlas=self.emission.texture,
+            blackbody_table=self._blackbody,
+        )
+        lowest, highest = blackbody.TABLE_RANGE
+        program.set(blackbody_range=(lowest, 1.0 / (highest - lowest)))
+
+    def _block(self, program: Program, name: str, data: bytes) -> None:
+        binding = uniforms.BLOCKS[name]
+        buffer = self._buffers.get(binding)
+        if buffer is None or buffer.size != len(data):
+            if buffer is not None:
+                buffer.release()
+            buffer = self._buffers[binding] = self.context.buffer(reserve=len(data))
+        buffer.write(data)
+        buffer.bind_to_uniform_block(binding)
+        program.bind_block(name, binding)
+
+    def report(self, fraction: float) -> None:
+        """Tell `progress` how far a pass has come."""
+        if self.progress is not None:
+            self.progress(fraction)
+
+    def release(self) -> None:
+        """Free everything."""
+        for store in (
+            self.shaders,
+            self.density,
+            self.temperature,
+            self.emission,
+            self.maps,
+            self.shadows,
+            self.meshes,
+            self.targets,
+        ):
+            store.release()
+        for buffer in self._buffers.values():
+            buffer.release()
+        self._buffers.clear()
+        if self._blackbody is not None:
+            self._blackbody.release()

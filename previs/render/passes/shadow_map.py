@@ -1,0 +1,37 @@
+"""Shadow maps: distance from a light to the first mesh, a tile per face."""
+
+from __future__ import annotations
+
+import moderngl
+
+from ..frame import Frame
+from ..plan import PlannedLight, PlannedPass
+from ..projection import gl, relative_to
+
+
+def run_shadow_map(frame: Frame, planned: PlannedPass) -> None:
+    """Draw all meshes into every face of one light's shadow map."""
+    plan, light = frame.plan, planned.payload
+    assert isinstance(light, PlannedLight) and light.shadow is not None
+    fit = light.shadow
+    frame.meshes.update(plan.meshes, plan.origin)
+    program = frame.shaders.get("shadow_map.vert", "shadow_map.frag")
+    tile, columns = plan.settings.shadow_map_size, frame.shadows.columns(plan)
+    program.set(
+        light_position=tuple(fit.position - plan.origin),
+        light_far=fit.far,
+        orthographic=fit.kind == "orthographic",
+    )
+    framebuffer = frame.shadows.framebuffer
+    framebuffer.use()
+    frame.context.enable_only(moderngl.DEPTH_TEST)
+    for face, matrix in enumerate(fit.matrices):
+        number = light.first_tile + face
+        viewport = ((number % columns) * tile, (number // columns) * tile, tile, tile)
+        framebuffer.viewport = framebuffer.scissor = viewport
+        framebuffer.clear(depth=1.0, viewport=viewport)
+        program.set(view_projection=gl(relative_to(matrix, plan.origin)))
+        for mesh in plan.meshes:
+            frame.meshes.draw(mesh, program.program, "3f4 24x4", ("in_position",))
+    framebuffer.scissor = None
+    frame.context.enable_only(moderngl.NOTHING)

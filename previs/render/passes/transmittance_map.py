@@ -1,0 +1,63 @@
+"""Transmittance maps: how one volume attenuates one light, a curve per texel."""
+
+from __future__ import annotations
+
+import math
+
+import moderngl
+import numpy as np
+
+from ..frame import Frame
+from ..plan import MAP_KINDS_NUMBERS, PlannedMap, PlannedPass, density_weighting
+from ..uniforms import step_length
+
+#: Stored optical depth that the start of an adaptive range may leave out.
+BEGIN_DEPTH = 0.001
+#: Steps of the second march at the least; a range is often only a few voxels deep.
+SECOND_MARCH_STEPS = 96.0
+
+
+def run_transmittance_map(frame: Frame, planned: PlannedPass) -> None:
+    """Fill the tile of one pair of light and volume."""
+    plan, item = frame.plan, planned.payload
+    assert isinstance(item, PlannedMap)
+    settings, volume, fit = plan.settings, plan.volumes[item.volume], item.fit
+    placement = frame.density.placements[volume.path]
+    program = frame.shaders.get(
+        "fullscreen.vert",
+        "transmittance_map.frag",
+        METHOD=plan.defines["METHOD"],
+        COEFFICIENTS=settings.coefficients,
+        MAP_LAYERS=plan.defines["MAP_LAYERS"],
+        SECOND_MARCH_STEPS=SECOND_MARCH_STEPS,
+    )
+    box_to_world = placement.box_to_local @ np.asarray(volume.local_to_world, float)
+    box_to_world = np.array(box_to_world)
+    box_to_world[3, :3] -= fit.centre
+    weighting = density_weighting(plan.volumes, settings)
+    stored = item.reference / weighting
+    program.set(
+        centre_to_box=np.ascontiguousarray(np.linalg.inv(box_to_world), np.float32).tobytes(),
+        atlas_scale=placement.scale_row(),
+        atlas_offset=tuple(placement.offset),
+        map_kind=MAP_KINDS_NUMBERS[fit.kind],
+        ray_origin=np.asarray(fit.ray_origin, np.float32).tobytes(),
+        ray_direction=np.asarray(fit.ray_direction, np.float32).tobytes(),
+        from_light=(*fit.from_light, float(np.linalg.norm(fit.from_light))),
+        stored=stored,
+        end_depth=-math.log(settings.threshold) * stored / item.weakest,
+        begin_depth=BEGIN_DEPTH / weighting,
+        step_length=step_length(volume, frame.density.placements, settings.light_steps),
+    )
+    frame.bind(program, density_atlas=frame.density.texture)
+    columns = plan.atlas_columns(plan.map_size)
+    framebuffer = frame.maps.framebuffer
+    framebuffer.use()
+    framebuffer.viewport = (
+        (item.tile % columns) * plan.map_size,
+        (item.tile // columns) * plan.map_size,
+        plan.map_size,
+        plan.map_size,
+    )
+    frame.context.enable_only(moderngl.NOTHING)
+    frame.draw_fullscreen(program)

@@ -1,0 +1,432 @@
+"""The plan of a frame: which passes it needs, why, and what each depends on.
+
+Only what the scene needs is planned: no volume, no light maps; no mesh, no shadow maps and no depth test; one light, no
+loop over lights. A plan is plain data made without OpenGL, so `previs info` can print it anywhere. A pass names what
+it depends on (versions of the index, settings, projections) and the passes whose output it reads; it runs again
+only if one of these moved.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from ..description import Camera, Light, Mesh, Note, Volume, box_corners, mesh_world_bounds, volume_world_bounds
+from ..errors import PrevisError
+from ..index import RenderIndex, camera_key
+from ..settings import Settings
+from .fields import DEFAULT_TEXTURE_LIMIT, field_dims, is_vector, planned_reduction
+from .projection import (
+    MAP_KINDS,
+    SHADOW_KINDS,
+    CameraRays,
+    LightMap,
+    ShadowFit,
+    camera_rays,
+    light_map,
+    render_origin,
+    shadow_fit,
+)
+
+PassKind = Literal["fields", "shadow_map", "transmittance_map", "gbuffer", "surface", "march", "composite"]
+
+MAX_VOLUMES = 128
+MAX_LIGHTS_PER_BATCH = 64
+#: Pairs of light and volume whose map parameters fit a uniform block of 64 KiB.
+MAX_PAIRS_PER_BATCH = 512
+MAX_ATLAS_SIZE = 16384
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedPass:
+    """One pass: `name` is unique in the plan, `why` one sentence, `inputs` names of the passes it reads.
+
+    `depends` is compared between frames; `memory` are bytes of the textures it fills.
+    """
+
+    name: str
+    kind: PassKind
+    why: str
+    resolution: tuple[int, ...]
+    memory: int
+    depends: Hashable
+    inputs: tuple[str, ...] = ()
+    payload: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedLight:
+    """A light, and its shadow map if it needs one: `first_tile` counts faces in the shadow atlas."""
+
+    record: Light
+    shadow: ShadowFit | None
+    first_tile: int
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedMap:
+    """The transmittance map of one light through one volume and its tile in the atlas.
+
+    Curves are stored at the `reference` extinction (per stage unit at density 1); the adaptive range ends where the weakest channel,
+    of extinction `weakest`, falls below the threshold.
+    """
+
+    light: int
+    volume: int
+    fit: LightMap
+    tile: int
+    reference: float
+    weakest: float
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Everything that is known about a frame before it is drawn."""
+
+    width: int
+    height: int
+    settings: Settings
+    origin: np.ndarray
+    rays: CameraRays
+    volumes: tuple[Volume, ...]
+    lights: tuple[PlannedLight, ...]
+    meshes: tuple[Mesh, ...]
+    ambient: tuple[float, float, float]
+    maps: tuple[PlannedMap, ...]
+    map_size: int
+    shadow_tiles: int
+    batches: tuple[range, ...]
+    defines: Mapping[str, Any]
+    passes: tuple[PlannedPass, ...]
+    notes: tuple[Note, ...] = field(default=())
+
+    def atlas_columns(self, tile_size: int) -> int:
+        """Tiles side by side in an atlas of tiles of that size."""
+        return max(MAX_ATLAS_SIZE // max(tile_size, 1), 1)
+
+    def describe(self) -> str:
+        """The plan as text: a line per pass with its reason, resolution and memory."""
+        lines = []
+        for p in self.passes:
+            resolution = "×".join(str(n) for n in p.resolution) or "-"
+            lines.append(f"{p.name:<44} {resolution:>14} {_bytes(p.memory):>10}  {p.why}")
+        total = sum(p.memory for p in self.passes)
+        lines.append(f"{'total':<44} {'':>14} {_bytes(total):>10}")
+        return "\n".join(lines)
+
+
+def _bytes(count: int) -> str:
+    return f"{count / 2**20:.1f} MiB" if count >= 2**19 else f"{count / 2**10:.1f} KiB"
+
+
+def map_layers(coefficients: int) -> int:
+    """RGBA textures per map: the coefficients, then the tail's extinction and the transmittance at the range's end."""
+    return -(-(coefficients + 2) // 4)
+
+
+def make_plan(
+    index: RenderIndex,
+    camera: Camera,
+    width: int,
+    height: int,
+    settings: Settings,
+    shift: tuple[float, float] = (0.0, 0.0),
+    texture_limit: int = DEFAULT_TEXTURE_LIMIT,
+) -> Plan:
+    """Plan one frame.
+
+    Args:
+        index: what is in the scene.
+        camera: its aspect is conformed to the image.
+        width, height: image size in pixels.
+        settings: the knobs.
+        shift: offset of the samples from the pixel centres, in pixels.
+        texture_limit: largest edge of a 3D texture on the device.
+
+    Raises:
+        PrevisError: when the scene holds more volumes than a frame can march through.
+    """
+    scene = index.scene
+    volumes = [e for e in index.volumes.values() if any(s > 0.0 for s in e.record.medium.strength)]
+    meshes = list(index.meshes.values())
+    notes: list[Note] = []
+    if len(volumes) > MAX_VOLUMES:
+        raise PrevisError(
+            f"{volumes[MAX_VOLUMES].record.path}: the stage has {len(volumes)} volumes and a frame takes {MAX_VOLUMES}; "
+            "hide some, or render them apart"
+        )
+    domes = [e.record for e in index.lights.values() if e.record.kind == "dome"]
+    ambient = tuple(settings.ambient + sum(d.radiance[c] for d in domes) for c in range(3))
+    lights = [e for e in index.lights.values() if e.record.kind != "dome" and any(c > 0.0 for c in e.record.strength)]
+    origin = render_origin(scene)
+    conformed = camera.conformed(width / height)
+    rays = camera_rays(conformed, origin, scene, (shift[0] / width, shift[1] / height))
+
+    records = tuple(e.record for e in volumes)
+    grids = [i for i, v in enumerate(records) if v.density is not None]
+    memory = settings.field_memory * 2**20
+    method = settings.transmittance
+    passes: list[PlannedPass] = []
+
+    fields = [(v, f) for v in records for f in (v.density, v.temperature, v.emission) if f is not None]
+    if fields:
+        size = 0
+        for volume, f in fields:
+            factor = planned_reduction(f, memory, texture_limit)
+            size += int(np.prod(field_dims(f) // factor + 3)) * (8 if is_vector(f) else 2)
+            if factor > 1:
+                dims = "×".join(str(d) for d in field_dims(f))
+                notes.append(
+                    Note("approximated", volume.path, f"field of {dims} voxels is averaged over cubes of {factor}³ to fit")
+                )
+        keys = tuple((v.path, f.parts()) for v, f in fields)
+        why = f"{len(fields)} field{'s' if len(fields) > 1 else ''} of voxels"
+        passes.append(PlannedPass("fields", "fields", why, (), size, (keys, memory), payload=records))
+
+    planned_lights, shadow_tiles = _plan_shadows(volumes, lights, meshes, settings, passes)
+    size = _map_size(records, grids, settings) if grids else 0
+    maps = _plan_maps(volumes, grids, lights, settings, size, passes) if method != "march" else ()
+
+    view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
+    defines = _defines(records, planned_lights, meshes, ambient, settings)
+    shadow_passes = tuple(p.name for p in passes if p.kind == "shadow_map")
+    map_passes = tuple(p.name for p in passes if p.kind == "transmittance_map")
+    field_passes = ("fields",) if fields else ()
+    lit_by = tuple((e.record.path, e.versions["placement"], e.versions["colour"]) for e in lights)
+    media_light = tuple((e.record.path, e.versions["placement"], e.versions["extinction"]) for e in volumes)
+    lookup = (method, settings.coefficients, settings.map_filter, settings.density_weighting, settings.shadow_map_size)
+    if method == "march":
+        lookup += (settings.light_steps,)
+
+    if meshes:
+        shapes = tuple((e.record.path, e.versions["shape"], e.versions["surface"]) for e in meshes)
+        triangles = sum(len(e.record.geometry.triangles) * len(e.record.local_to_world) for e in meshes)
+        passes.append(
+            PlannedPass(
+                "gbuffer",
+                "gbuffer",
+                f"{len(meshes)} mesh{'es' if len(meshes) > 1 else ''}, {triangles} triangles before the camera",
+                (width, height),
+                width * height * 44,
+                (view, shapes),
+            )
+        )
+        passes.append(
+            PlannedPass(
+                "surface",
+                "surface",
+                f"light on the meshes from {len(lights)} light{'s' if len(lights) != 1 else ''}",
+                (width, height),
+                width * height * 16,
+                (lit_by, media_light, ambient, lookup),
+                ("gbuffer", *shadow_passes, *field_passes, *map_passes),
+            )
+        )
+    if records:
+        media = tuple((e.record.path, e.versions["placement"], e.versions["scattering"]) for e in volumes)
+        marching = (settings.steps, settings.opacity_cutoff, settings.projective_steps)
+        why = f"{len(records)} volume{'s' if len(records) > 1 else ''}, {len(lights)} light{'s' if len(lights) != 1 else ''}"
+        why += {
+            "march": "; brute force towards every light",
+            "tfm": f"; {settings.coefficients} coefficients, adaptive range",
+            "tfm-plain": f"; {settings.coefficients} coefficients, full range",
+        }[method]
+        if not grids:
+            why = why.split(";")[0] + "; homogeneous, light attenuated in closed form"
+        if defines["PROJECTIVE_STEPS"]:
+            why += "; steps placed in the spot's projection"
+        passes.append(
+            PlannedPass(
+                "march",
+                "march",
+                why,
+                (width, height),
+                width * height * 48,
+                (view, media, lit_by, ambient, lookup, marching),
+                (*(("gbuffer",) if meshes else ()), *shadow_passes, *field_passes, *map_passes),
+            )
+        )
+    passes.append(
+        PlannedPass(
+            "composite",
+            "composite",
+            "media over surfaces",
+            (width, height),
+            width * height * 16,
+            (width, height),
+            (*(("surface",) if meshes else ()), *(("march",) if records else ())),
+        )
+    )
+    per_batch = max(1, min(MAX_LIGHTS_PER_BATCH, MAX_PAIRS_PER_BATCH // max(len(records), 1)))
+    batches = tuple(range(i, min(i + per_batch, len(lights))) for i in range(0, len(lights), per_batch))
+    return Plan(
+        width=width,
+        height=height,
+        settings=settings,
+        origin=origin,
+        rays=rays,
+        volumes=records,
+        lights=planned_lights,
+        meshes=tuple(e.record for e in meshes),
+        ambient=ambient,
+        maps=maps,
+        map_size=size,
+        shadow_tiles=shadow_tiles,
+        batches=batches or (range(0),),
+        defines=defines,
+        passes=tuple(passes),
+        notes=tuple(notes),
+    )
+
+
+def _corner_points(boxes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    return np.concatenate([box_corners(*b) for b in boxes]) if boxes else np.zeros((0, 3))
+
+
+def _plan_shadows(volumes, lights, meshes, settings: Settings, passes: list[PlannedPass]):
+    """A shadow map for every light that meshes can keep from something; (planned lights, tiles used)."""
+    mesh_boxes = [b for e in meshes if (b := mesh_world_bounds(e.record)) is not None]
+    media = _corner_points([volume_world_bounds(e.record) for e in volumes])
+    casters = _corner_points(mesh_boxes)
+    receivers = np.concatenate([casters, media])
+    shapes = tuple((e.record.path, e.versions["shape"]) for e in meshes)
+    planned, tiles = [], 0
+    for e in lights:
+        light = e.record
+        if not len(casters) or not light.casts_shadows:
+            planned.append(PlannedLight(light, None, 0))
+            continue
+        fit = shadow_fit(light, casters, receivers, media)
+        size = settings.shadow_map_size
+        planned.append(PlannedLight(light, fit, tiles))
+        passes.append(
+            PlannedPass(
+                f"shadow_map {light.path}",
+                "shadow_map",
+                f"meshes cut this light; {fit.kind}, {len(fit.matrices)} face{'s' if len(fit.matrices) > 1 else ''}",
+                (size, size, len(fit.matrices)),
+                size * size * 4 * len(fit.matrices),
+                (shapes, fit.key(), tiles, size, len(lights)),
+                payload=planned[-1],
+            )
+        )
+        tiles += len(fit.matrices)
+    return tuple(planned), tiles
+
+
+def _map_size(volumes, grids: list[int], settings: Settings) -> int:
+    """Texels along a map's side: as asked, or fine enough to see every voxel."""
+    if settings.map_size:
+        return settings.map_size
+    longest = max(int(field_dims(volumes[i].density).max()) for i in grids)
+    return int(np.clip(-(-longest * 3 // 2 // 32) * 32, 64, 512))
+
+
+def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int, passes: list[PlannedPass]):
+    """A map for every pair of a light that casts shadows and a volume of voxels."""
+    planned = []
+    layers = map_layers(settings.coefficients)
+    for light_number, light_entry in enumerate(lights):
+        light = light_entry.record
+        if not light.casts_shadows:
+            continue
+        for volume_number in grids:
+            entry = volumes[volume_number]
+            volume = entry.record
+            strength = [s for s in volume.medium.strength if s > 0.0]
+            fit = light_map(light, volume, size)
+            item = PlannedMap(light_number, volume_number, fit, len(planned), max(strength), min(strength))
+            planned.append(item)
+            depends = (
+                entry.versions["fields"],
+                entry.versions["placement"],
+                (item.reference, item.weakest),
+                fit.key(),
+                item.tile,
+                size,
+                (settings.transmittance, settings.coefficients, settings.light_steps),
+                (settings.threshold, settings.density_weighting),
+            )
+            passes.append(
+                PlannedPass(
+                    f"transmittance_map {light.path} > {volume.path}",
+                    "transmittance_map",
+                    f"how this volume attenuates this light; {fit.kind}",
+                    (size, size),
+                    size * size * (8 + 8 * layers),
+                    depends,
+                    ("fields",),
+                    item,
+                )
+            )
+    return tuple(planned)
+
+
+PHASE_NUMBERS = {"isotropic": 0, "hg": 1, "schlick": 2, "rayleigh": 3, "two_lobe": 4}
+MAP_KINDS_NUMBERS = {kind: number for number, kind in enumerate(MAP_KINDS)}
+SHADOW_KIND_NUMBERS = {kind: number for number, kind in enumerate(SHADOW_KINDS)}
+METHOD_NUMBERS = {"tfm": 0, "tfm-plain": 1, "march": 2}
+
+
+def _defines(volumes, lights, meshes, ambient, settings: Settings) -> dict[str, Any]:
+    """What the shaders are compiled for."""
+    phases = {v.medium.phase if v.medium.anisotropy != 0.0 or v.medium.phase != "hg" else "isotropic" for v in volumes}
+    homogeneous = all(v.density is None for v in volumes)
+    cone = [p for p in lights if p.shadow is not None and p.shadow.kind == "perspective"]
+    kinds = {p.record.kind for p in lights}
+    emitting = [v for v in volumes if v.medium.emits]
+    return {
+        "VOLUME_COUNT": len(volumes),
+        "LIGHT_CAPACITY": 1 if len(lights) <= 1 else min(2 ** math.ceil(math.log2(len(lights))), MAX_LIGHTS_PER_BATCH),
+        "HAS_LIGHTS": bool(lights),
+        "HAS_DISTANT": "distant" in kinds,
+        "HAS_POINT": bool(kinds - {"distant"}),
+        "HAS_SHAPING": any(p.record.shaping is not None for p in lights),
+        "HAS_COSINE": bool(kinds & {"disk", "rect"}),
+        "HAS_SHADOW_MAPS": any(p.shadow is not None for p in lights),
+        "HAS_MESHES": bool(meshes),
+        "HAS_GRIDS": any(v.density is not None for v in volumes),
+        "HAS_SHAPES": any(v.shape is not None for v in volumes),
+        "HAS_AMBIENT": any(a > 0.0 for a in ambient),
+        "HAS_EMISSION": bool(emitting),
+        "HAS_TEMPERATURE": any(v.temperature is not None for v in emitting),
+        "HAS_EMISSION_FIELD": any(v.emission is not None for v in emitting),
+        "CHROMATIC": any(len(set(v.medium.extinction)) > 1 for v in volumes),
+        "PHASE": PHASE_NUMBERS[phases.pop()] if len(phases) == 1 else -1,
+        "METHOD": METHOD_NUMBERS[settings.transmittance],
+        "COEFFICIENTS": settings.coefficients,
+        "MAP_EXPONENT": _map_exponent(volumes, settings),
+        "PROJECTIVE_MINIMUM": max(settings.steps // 4, 1),
+        "MAP_LAYERS": map_layers(settings.coefficients),
+        "MAP_BLEND": settings.map_filter == "blend",
+        "PROJECTIVE_STEPS": bool(
+            settings.projective_steps and homogeneous and volumes and len(lights) == 1 and len(cone) == 1
+        ),
+        "HAS_SPECULAR": any(m.record.surface.specular for m in meshes),
+        "HAS_EMISSIVE": any(any(m.record.surface.emissive_color) for m in meshes),
+    }
+
+
+def density_weighting(volumes: tuple[Volume, ...], settings: Settings) -> float:
+    """Exponent α: maps hold T^(1/α) at the reference strength ([TFM11] section 6.2).
+
+    Inside an adaptive range 2 is best; a medium whose channels differ more needs as much as they differ, so that the curve
+    of the strongest channel is not gone where the weakest still transmits.
+    """
+    if settings.density_weighting > 0.0:
+        return settings.density_weighting
+    if settings.transmittance == "tfm-plain":
+        return 1.0
+    spread = [max(s) / min(s) for v in volumes if (s := [c for c in v.medium.strength if c > 0.0])]
+    return min(max([2.0, *spread]), 16.0)
+
+
+def _map_exponent(volumes: tuple[Volume, ...], settings: Settings) -> int:
+    """1 or 2 where every lookup raises to just that power, else 0: the shader then computes it per channel."""
+    alpha = density_weighting(volumes, settings)
+    grey = all(len(set(v.medium.extinction)) == 1 for v in volumes)
+    return int(alpha) if grey and alpha in (1.0, 2.0) else 0

@@ -1,0 +1,348 @@
+"""Textures and buffers that outlive a frame: field atlases, light-map atlases, meshes, image targets.
+
+Each store makes what a plan asks for and frees what no plan asks for any more. None of them decides when to: the passes do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from ..description import Field, Geometry, Mesh
+from .fields import PackedField, pack
+from .plan import Plan, map_layers
+
+NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
+LINEAR = (moderngl.LINEAR, moderngl.LINEAR)
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a field lies in its atlas: its unit box to atlas coordinates, the value of a texel of 1, and box → local."""
+
+    scale: np.ndarray
+    offset: np.ndarray
+    value: float
+    box_to_local: np.ndarray
+
+    def scale_row(self) -> tuple[float, ...]:
+        """Row of a uniform block: scale and value."""
+        return (*self.scale, self.value)
+
+    def offset_row(self) -> tuple[float, ...]:
+        """Row of a uniform block: offset, and a free slot."""
+        return (*self.offset, 0.0)
+
+
+def pack_boxes(sizes: Sequence[tuple[int, int, int]], limit: int) -> tuple[tuple[int, int, int], list[tuple[int, int, int]]]:
+    """Place boxes in one larger box: shelves of rows of boxes, largest first.
+
+    Returns:
+        The size of the large box, and the corner of every box in the order given.
+
+    Raises:
+        MemoryError: when they do not fit a box with edges of at most `limit`.
+    """
+    best = None
+    order = sorted(range(len(sizes)), key=lambda i: sizes[i][2] * 2**32 + sizes[i][1] * 2**16 + sizes[i][0], reverse=True)
+    widest = max(s[0] for s in sizes)
+    deepest = max(s[1] for s in sizes)
+    for columns in range(1, len(sizes) + 1):
+        for rows in range(1, -(-len(sizes) // columns) + 1):
+            width, height = min(widest * columns, limit), min(deepest * rows, limit)
+            corners: list[tuple[int, int, int]] = [(0, 0, 0)] * len(sizes)
+            x = y = z = row_height = shelf = right = top = 0
+            for i in order:
+                w, h, d = sizes[i]
+                if x + w > width:
+                    x, y, row_height = 0, y + row_height, 0
+                if y + h > height:
+                    x, y, z, row_height, shelf = 0, 0, z + shelf, 0, 0
+                corners[i] = (x, y, z)
+                right, top = max(right, x + w), max(top, y + h)
+                x, row_height, shelf = x + w, max(row_height, h), max(shelf, d)
+            if z + shelf <= limit:
+                volume = right * top * (z + shelf)
+                if best is None or volume < best[0]:
+                    best = (volume, (right, top, z + shelf), corners)
+        if columns * columns > 4 * len(sizes):
+            break
+    if best is None:
+        raise MemoryError(f"{len(sizes)} fields do not fit a 3D texture of {limit}³")
+    return best[1], best[2]
+
+
+class FieldAtlas:
+    """All fields of one role (density, temperature, emission) in one 3D texture; equal fields share their voxels."""
+
+    def __init__(self, context: moderngl.Context, components: int) -> None:
+        self._context = context
+        self._components = components
+        self.texture: moderngl.Texture3D | None = None
+        self.placements: dict[str, Placement] = {}
+        self._blocks: dict[Hashable, PackedField] = {}
+        self._packing: Hashable = None
+
+    def update(self, fields: dict[str, Field], memory: int, limit: int) -> None:
+        """Hold exactly these fields (by volume path); upload only when a field entered or left."""
+        blocks = {}
+        for f in fields.values():
+            key = (f.key, memory)
+            blocks[key] = self._blocks.get(key) or pack(f, memory, limit)
+        packing = (tuple(sorted(map(repr, blocks))), limit)
+        if packing != self._packing:
+            self._upload(blocks, limit)
+        self._blocks, self._packing = blocks, packing
+        atlas = np.array(self.texture.size, float) if self.texture else np.ones(3)
+        self.placements = {}
+        for path, f in fields.items():
+            block = blocks[(f.key, memory)]
+            size = np.array(block.size, float)
+            # The block's transform belongs to the field that was packed; this one may sit elsewhere.
+            box_to_local = block.box_to_index @ np.asarray(f.index_to_local, float)
+            corner = np.array(self._corners[(f.key, memory)], float)
+            self.placements[path] = Placement((size - 1.0) / atlas, (corner + 0.5) / atlas, block.scale, box_to_local)
+
+    def _upload(self, blocks: dict[Hashable, PackedField], limit: int) -> None:
+        self.release()
+        if not blocks:
+            return
+        keys = list(blocks)
+        size, corners = pack_boxes([blocks[k].size for k in keys], limit)
+        self._corners = dict(zip(keys, corners, strict=True))
+        if len(keys) == 1:
+            self.texture = self._context.texture3d(size, self._components, self._shaped(blocks[keys[0]]).tobytes(), dtype="f2")
+        else:
+            self.texture = self._context.texture3d(size, self._components, dtype="f2")
+            for key in keys:
+                block = blocks[key]
+                viewport = (*self._corners[key], *block.size)
+                self.texture.write(self._shaped(block).tobytes(), viewport=viewport)
+        self.texture.filter = LINEAR
+        self.texture.repeat_x = self.texture.repeat_y = self.texture.repeat_z = False
+
+    def _shaped(self, block: PackedField) -> np.ndarray:
+        """The block's values with the atlas's number of components."""
+        values = block.values
+        if self._components == 1 and values.ndim == 4:
+            return np.ascontiguousarray(values[..., :3].mean(axis=-1, dtype=np.float32).astype(np.float16))
+        if self._components == 4 and values.ndim == 3:
+            return np.ascontiguousarray(np.repeat(values[..., None], 4, axis=-1))
+        return np.ascontiguousarray(values)
+
+    def release(self) -> None:
+        """Free the texture."""
+        if self.texture is not None:
+            self.texture.release()
+        self.texture, self._packing, self._corners = None, None, {}
+
+
+class MapAtlas:
+    """The transmittance maps of all pairs of light and volume, as tiles of one set of textures."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._shape: Hashable = None
+        self.coefficients: list[moderngl.Texture] = []
+        self.range: moderngl.Texture | None = None
+        self.framebuffer: moderngl.Framebuffer | None = None
+
+    def update(self, plan: Plan) -> bool:
+        """Make the textures for a plan; True when they are new and every map has to be filled again."""
+        columns = plan.atlas_columns(plan.map_size)
+        count = len(plan.maps)
+        size = (min(count, columns) * plan.map_size, -(-count // columns) * plan.map_size)
+        shape = (size, map_layers(plan.settings.coefficients), plan.settings.transmittance)
+        if shape == self._shape:
+            return False
+        self.release()
+        self.coefficients = [self._context.texture(size, 4, dtype="f2") for _ in range(shape[1])]
+        # Range ends need 32 bits: half floats cost up to 19 dB in dense media.
+        self.range = self._context.texture(size, 2, dtype="f4")
+        for texture in (*self.coefficients, self.range):
+            texture.filter = LINEAR if shape[2] == "tfm-plain" else NEAREST
+            texture.repeat_x = texture.repeat_y = False
+        self.framebuffer = self._context.framebuffer([*self.coefficients, self.range])
+        self._shape = shape
+        return True
+
+    def release(self) -> None:
+        """Free the textures."""
+        for resource in (self.framebuffer, self.range, *self.coefficients):
+            if resource is not None:
+                resource.release()
+        self.coefficients, self.range, self.framebuffer, self._shape = [], None, None, None
+
+
+class ShadowAtlas:
+    """The shadow maps of all lights, a tile for every face."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._shape: Hashable = None
+        self.texture: moderngl.Texture | None = None
+        self.framebuffer: moderngl.Framebuffer | None = None
+
+    def update(self, plan: Plan) -> bool:
+        """Make the texture for a plan; True when it is new."""
+        tile = plan.settings.shadow_map_size
+        columns = self.columns(plan)
+        size = (columns * tile, -(-plan.shadow_tiles // columns) * tile)
+        if size == self._shape:
+            return False
+        self.release()
+        self.texture = self._context.depth_texture(size)
+        self.texture.compare_func = "<="
+        self.texture.filter = LINEAR
+        self.texture.repeat_x = self.texture.repeat_y = False
+        self.framebuffer = self._context.framebuffer(depth_attachment=self.texture)
+        self._shape = size
+        return True
+
+    @staticmethod
+    def columns(plan: Plan) -> int:
+        """Tiles side by side: a near-square atlas wastes the least."""
+        widest = plan.atlas_columns(plan.settings.shadow_map_size)
+        return max(1, min(widest, int(np.ceil(np.sqrt(plan.shadow_tiles)))))
+
+    def tiling(self, plan: Plan) -> tuple[float, float, float, float]:
+        """The `shadow_tiling` uniform."""
+        columns = self.columns(plan)
+        rows = -(-plan.shadow_tiles // columns)
+        return (1.0 / columns, 1.0 / rows, float(columns), 0.5 / plan.settings.shadow_map_size)
+
+    def release(self) -> None:
+        """Free the texture."""
+        for resource in (self.framebuffer, self.texture):
+            if resource is not None:
+                resource.release()
+        self.texture, self.framebuffer, self._shape = None, None, None
+
+
+@dataclass(eq=False)
+class _GeometryBuffers:
+    vertices: moderngl.Buffer
+    indices: moderngl.Buffer
+
+
+@dataclass(eq=False)
+class _InstanceBuffer:
+    key: Hashable
+    buffer: moderngl.Buffer
+    count: int
+
+
+class MeshStore:
+    """Vertex buffers by geometry and instance matrices by mesh."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._geometries: dict[Hashable, _GeometryBuffers] = {}
+        self._instances: dict[str, _InstanceBuffer] = {}
+
+    def update(self, meshes: Sequence[Mesh], origin: np.ndarray) -> None:
+        """Hold exactly these meshes, their instances placed relative to `origin`."""
+        wanted = {m.geometry.key: m.geometry for m in meshes if len(m.geometry.triangles)}
+        for key in set(self._geometries) - set(wanted):
+            buffers = self._geometries.pop(key)
+            buffers.vertices.release()
+            buffers.indices.release()
+        for key, geometry in wanted.items():
+            if key not in self._geometries:
+                self._geometries[key] = self._upload(geometry)
+        paths = {m.path for m in meshes}
+        for path in set(self._instances) - paths:
+            self._instances.pop(path).buffer.release()
+        for mesh in meshes:
+            key = (mesh.parts()["shape"], origin.tobytes())
+            held = self._instances.get(mesh.path)
+            if held is not None and held.key == key:
+                continue
+            if held is not None:
+                held.buffer.release()
+            matrices = np.array(mesh.local_to_world, float).reshape(-1, 4, 4)
+            matrices[:, 3, :3] -= origin
+            data = matrices.astype(np.float32).tobytes()
+            self._instances[mesh.path] = _InstanceBuffer(key, self._context.buffer(data), len(matrices))
+
+    def _upload(self, geometry: Geometry) -> _GeometryBuffers:
+        count = len(geometry.points)
+        colors = geometry.colors if geometry.colors is not None else np.ones((count, 3), np.float32)
+        vertices = np.concatenate([geometry.points, geometry.normals, colors], axis=1, dtype=np.float32)
+        return _GeometryBuffers(
+            self._context.buffer(np.ascontiguousarray(vertices).tobytes()),
+            self._context.buffer(np.ascontiguousarray(geometry.triangles, np.uint32).tobytes()),
+        )
+
+    def draw(self, mesh: Mesh, program: moderngl.Program, layout: str, attributes: Sequence[str]) -> None:
+        """Draw all instances of a mesh. `layout` and `attributes` name what the program reads of a vertex."""
+        if mesh.geometry.key not in self._geometries:
+            return
+        buffers, instances = self._geometries[mesh.geometry.key], self._instances[mesh.path]
+        content = [(buffers.vertices, layout, *attributes), (instances.buffer, "16f4/i", "in_instance")]
+        vertex_array = self._context.vertex_array(program, content, index_buffer=buffers.indices)
+        vertex_array.render(instances=instances.count)
+        vertex_array.release()
+
+    def release(self) -> None:
+        """Free all buffers."""
+        for buffers in self._geometries.values():
+            buffers.vertices.release()
+            buffers.indices.release()
+        for instances in self._instances.values():
+            instances.buffer.release()
+        self._geometries.clear()
+        self._instances.clear()
+
+
+class Targets:
+    """The textures of one image size that passes draw into, made when first asked for.
+
+    `get(name, formats, depth)` gives a framebuffer whose colour attachments have the given formats ("f2" or "f4", four components).
+    """
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._held: dict[str, tuple[Hashable, moderngl.Framebuffer]] = {}
+
+    def get(self, name: str, size: tuple[int, int], formats: Sequence[str], depth: bool = False) -> moderngl.Framebuffer:
+        """The framebuffer of that name, made anew when its shape changed."""
+        shape = (size, tuple(formats), depth)
+        held = self._held.get(name)
+        if held is not None and held[0] == shape:
+            return held[1]
+        if held is not None:
+            self._free(held[1])
+        colors = []
+        for dtype in formats:
+            texture = self._context.texture(size, 4, dtype=dtype)
+            texture.filter = NEAREST
+            texture.repeat_x = texture.repeat_y = False
+            colors.append(texture)
+        attachment = self._context.depth_renderbuffer(size) if depth else None
+        framebuffer = self._context.framebuffer(colors, attachment)
+        self._held[name] = (shape, framebuffer)
+        return framebuffer
+
+    def __getitem__(self, name: str) -> moderngl.Framebuffer:
+        return self._held[name][1]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._held
+
+    @staticmethod
+    def _free(framebuffer: moderngl.Framebuffer) -> None:
+        attachments = [*framebuffer.color_attachments, framebuffer.depth_attachment]
+        framebuffer.release()
+        for attachment in attachments:
+            if attachment is not None:
+                attachment.release()
+
+    def release(self) -> None:
+        """Free everything."""
+        for _, framebuffer in self._held.values():
+            self._free(framebuffer)
+        self._held.clear()

@@ -1,0 +1,172 @@
+"""Shader programs from files: includes, defines, strict names, and errors that name file and line.
+
+Sources are GLSL 3.30 without a #version line. ``#include "name.glsl"`` takes a file of the shader folder once; defines
+are given by the caller. An upper-case name that is tested by ``#if`` and defined nowhere is an error that names it: GLSL would
+quietly take it for 0. With PREVIS_SHADER_SOURCE=1 in the environment the numbered source of every program is printed to stderr.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import moderngl
+
+_INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"\s*$')
+_CONDITION = re.compile(r"^\s*#\s*(?:if|elif)\s+(.*)$")
+_DEFINE = re.compile(r"^\s*#\s*define\s+([A-Za-z_]\w*)")
+_NAME = re.compile(r"\b[A-Z][A-Z0-9_]*\b")
+_DEFINED = re.compile(r"defined\s*\(?\s*\w+\s*\)?")
+_LOG_LINE = re.compile(r"\b(\d+):(\d+)(?:\((\d+)\))?")
+_MAX_DEPTH = 8
+
+
+class ShaderError(RuntimeError):
+    """A shader cannot be composed or compiled; the message names file and line."""
+
+
+def shader_folder() -> Path:
+    """Where the shader files are: inside an installed package, or beside it in a source tree."""
+    installed = Path(__file__).parent.parent / "_shaders"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "shaders"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A composed shader: its text and the files that `#line` numbers refer to."""
+
+    text: str
+    files: tuple[str, ...]
+
+    def numbered(self) -> str:
+        """The text with line numbers, for reading."""
+        return "\n".join(f"{n:5d}  {line}" for n, line in enumerate(self.text.splitlines(), 1))
+
+
+def compose(name: str, defines: Mapping[str, Any], folder: Path | None = None) -> Source:
+    """Compose the shader file `name` with its includes and the given defines.
+
+    Raises:
+        ShaderError: for a missing file, includes nested too deeply, or a name tested by #if and never defined.
+    """
+    folder = folder or shader_folder()
+    files: list[str] = []
+    seen: set[str] = set()
+    known = set(defines) | {"GL_ES", "GL_FRAGMENT_PRECISION_HIGH"}
+    lines = ["#version 330 core"]
+    lines += [f"#define {key} {_literal(value)}" for key, value in sorted(defines.items())]
+
+    def add(file: str, depth: int, included_from: str) -> None:
+        if file in seen:
+            return
+        if depth > _MAX_DEPTH:
+            raise ShaderError(f"{included_from}: includes are nested more than {_MAX_DEPTH} deep")
+        path = folder / file
+        if not path.is_file():
+            raise ShaderError(f"{included_from}: no shader file {file!r} in {folder}")
+        seen.add(file)
+        files.append(file)
+        number = len(files) - 1
+        lines.append(f"#line 1 {number}")
+        for line_number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+            if match := _INCLUDE.match(line):
+                add(match[1], depth + 1, f"{file}:{line_number}")
+                lines.append(f"#line {line_number + 1} {number}")
+                continue
+            if match := _DEFINE.match(line):
+                known.add(match[1])
+            if match := _CONDITION.match(line):
+                condition = _DEFINED.sub("", match[1].split("//")[0])
+                if missing := [n for n in _NAME.findall(condition) if n not in known]:
+                    raise ShaderError(f"{file}:{line_number}: {missing[0]} is tested but not defined")
+            lines.append(line)
+
+    add(name, 0, name)
+    return Source("\n".join(lines) + "\n", tuple(files))
+
+
+def _literal(value: Any) -> str:
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    if isinstance(value, float):
+        return repr(value)
+    return str(value)
+
+
+class Program:
+    """A linked program. Uniforms are set by name; names that the compiler removed are skipped."""
+
+    def __init__(self, context: moderngl.Context, vertex: str, fragment: str, defines: Mapping[str, Any]) -> None:
+        sources = [compose(vertex, defines), compose(fragment, defines)]
+        if os.environ.get("PREVIS_SHADER_SOURCE") == "1":
+            for name, source in zip((vertex, fragment), sources, strict=True):
+                print(f"--- {name} {dict(defines)}\n{source.numbered()}", file=sys.stderr)
+        try:
+            self.program = context.program(vertex_shader=sources[0].text, fragment_shader=sources[1].text)
+        except moderngl.Error as error:
+            raise ShaderError(_explain(str(error), vertex, fragment, sources)) from None
+        self._members = {name: self.program[name] for name in self.program}
+
+    def set(self, **values: Any) -> None:
+        """Set uniforms: numbers, sequences, or bytes for matrices and arrays. Samplers take their texture unit."""
+        for name, value in values.items():
+            member = self._members.get(name)
+            if member is None:
+                continue
+            if isinstance(value, bytes):
+                member.write(value)
+            else:
+                member.value = value
+
+    def bind_block(self, name: str, binding: int) -> None:
+        """Connect a uniform block to a binding point."""
+        member = self._members.get(name)
+        if member is not None:
+            member.binding = binding
+
+    def release(self) -> None:
+        """Free the program."""
+        self.program.release()
+
+
+def _explain(log: str, vertex: str, fragment: str, sources: list[Source]) -> str:
+    """The compiler's log with file names in place of file numbers."""
+    source = sources[1] if "fragment_shader" in log else sources[0]
+
+    def named(match: re.Match[str]) -> str:
+        number = int(match[1])
+        if number < len(source.files):
+            return f"{source.files[number]}:{match[2]}"
+        return match[0]
+
+    return f"{vertex} + {fragment} do not compile:\n{_LOG_LINE.sub(named, log)}"
+
+
+class ShaderCache:
+    """Programs by file names and defines, compiled once."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self._context = context
+        self._programs: dict[tuple, Program] = {}
+
+    def get(self, vertex: str, fragment: str, **defines: Any) -> Program:
+        """The program for these files and defines.
+
+        Raises:
+            ShaderError: when it cannot be composed or compiled.
+        """
+        key = (vertex, fragment, tuple(sorted(defines.items())))
+        if key not in self._programs:
+            self._programs[key] = Program(self._context, vertex, fragment, defines)
+        return self._programs[key]
+
+    def release(self) -> None:
+        """Free all programs."""
+        for program in self._programs.values():
+            program.release()
+        self._programs.clear()

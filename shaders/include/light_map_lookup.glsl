@@ -1,0 +1,64 @@
+// The transmittance maps of all lights of a batch through all volumes, as tiles of one atlas.
+
+#include "include/light_map.glsl"
+
+struct LightMap {
+    mat4 to_map;       // point relative to the volume's centre -> (U, V, -, W)
+    vec4 centre;       // relative to the render origin; w: MAP_*
+    vec4 from_light;   // light -> centre, or the direction of travel; w: its length
+    vec4 tile;         // first texel x, y; z: exponent per unit of extinction; w: 0 when there is no map
+};
+
+layout(std140) uniform LightMaps { LightMap light_maps[LIGHT_CAPACITY * VOLUME_COUNT]; };
+
+uniform float map_size;
+uniform sampler2D map_coefficients0;
+#if MAP_LAYERS > 1
+uniform sampler2D map_coefficients1;
+#endif
+#if MAP_LAYERS > 2
+uniform sampler2D map_coefficients2;
+#endif
+#if MAP_LAYERS > 3
+uniform sampler2D map_coefficients3;
+#endif
+#if MAP_LAYERS > 4
+uniform sampler2D map_coefficients4;
+#endif
+
+// Map coordinate of a point relative to the volume's centre; false outside the map, where there is nothing on the way.
+bool map_coordinate(int m, vec3 y, out vec2 uv) {
+    vec4 h = light_maps[m].to_map * vec4(y, 1.0);
+    if (int(light_maps[m].centre.w) == MAP_OCTAHEDRAL) {
+        uv = octahedral_encode(h.xyz);
+        return true;
+    }
+    if (h.w <= 0.0) return false;
+    uv = h.xy / h.w;
+    return all(greaterThan(uv, vec2(0.0))) && all(lessThan(uv, vec2(1.0)));
+}
+
+// Sum of c_0/2 + sum_j c_j cos(j pi x), Clenshaw's recurrence; `c` holds COEFFICIENTS values in order.
+float cosine_series(vec4 c[MAP_LAYERS], float x) {
+    float twice = 2.0 * cos(3.14159265358979 * x);
+    float b1 = 0.0;
+    float b2 = 0.0;
+    for (int j = COEFFICIENTS - 1; j > 0; --j) {
+        float b0 = c[j >> 2][j & 3] + twice * b1 - b2;
+        b2 = b1;
+        b1 = b0;
+    }
+    return 0.5 * c[0].x + 0.5 * twice * b1 - b2;
+}
+
+vec3 raised(float value, vec3 exponent) {
+#if MAP_EXPONENT == 1
+    return vec3(value);
+#elif MAP_EXPONENT == 2
+    return vec3(value * value);
+#elif CHROMATIC
+    return pow(vec3(max(value, 1e-12)), exponent);
+#else
+    return vec3(pow(max(value, 1e-12), exponent.r));
+#endif
+}

@@ -1,0 +1,135 @@
+// The lights, reduced to directions and centres, and the shadows that meshes cast.
+
+struct Light {
+    vec4 position;     // point: position; distant: direction of travel. w: 0 distant, 1 point
+    vec4 strength;     // irradiance (distant) or radiant intensity (point); w: radius below which 1/d^2 stops growing
+    vec4 axis;         // direction of the light's axis; w: 1 when it emits with the cosine to its axis (disk, rect)
+    vec4 cone;         // inner and outer angle in radians, focus, cosine of the outer angle
+    vec4 focus_tint;   // rgb; w: 1 when the light is shaped
+    vec4 shadow;       // SHADOW_*, first tile, number of faces, far distance
+    mat4 shadow_matrix[2];
+};
+
+const int SHADOW_NONE = 0;
+const int SHADOW_ORTHOGRAPHIC = 1;
+const int SHADOW_PERSPECTIVE = 2;
+const int SHADOW_CUBE = 3;
+
+layout(std140) uniform Lights { Light lights[LIGHT_CAPACITY]; };
+
+#if LIGHT_CAPACITY > 1
+uniform int light_count;
+#else
+const int light_count = 1;
+#endif
+
+// UsdLux ShapingAPI: 1 - smoothstep(theta, (1 - softness) cone, cone), times lerp(focusTint, 1, cos^focus).
+vec3 shaping(int i, vec3 travel) {
+    vec3 factor = vec3(1.0);
+#if HAS_SHAPING || HAS_COSINE
+    float cosine = dot(travel, lights[i].axis.xyz);
+#endif
+#if HAS_SHAPING
+    if (lights[i].focus_tint.w > 0.5) {
+        vec4 cone = lights[i].cone;
+        if (cosine < cone.w) return vec3(0.0);
+        float theta = acos(clamp(cosine, -1.0, 1.0));
+        if (cone.x < cone.y && theta > cone.x) {
+            float s = clamp((theta - cone.x) / (cone.y - cone.x), 0.0, 1.0);
+            factor *= 1.0 - s * s * (3.0 - 2.0 * s);
+        }
+        if (cone.z > 0.0) factor *= mix(lights[i].focus_tint.rgb, vec3(1.0), pow(max(cosine, 1e-6), cone.z));
+    }
+#endif
+#if HAS_COSINE
+    if (lights[i].axis.w > 0.5) factor *= max(cosine, 0.0);
+#endif
+    return factor;
+}
+
+// Direction in which the light travels at a position; `inverse_square` is 1/d^2, or 1 for a distant light.
+vec3 light_travel(int i, vec3 position, out float inverse_square) {
+    inverse_square = 1.0;
+#if HAS_POINT
+    if (lights[i].position.w > 0.5) {
+        vec3 offset = position - lights[i].position.xyz;
+        float square = dot(offset, offset);
+        float radius = lights[i].strength.w;
+        inverse_square = 1.0 / max(max(square, radius * radius), 1e-30);
+        return offset * inversesqrt(max(square, 1e-30));
+    }
+#endif
+    return lights[i].position.xyz;
+}
+
+#if HAS_SHADOW_MAPS
+uniform sampler2DShadow shadow_atlas;
+uniform vec4 shadow_tiling;  // size of a tile in the atlas (u, v), tiles per row, half a texel of a tile
+
+float shadow_fetch(float tile, vec2 uv, float depth) {
+    float row = floor((tile + 0.5) / shadow_tiling.z);
+    vec2 cell = vec2(tile - row * shadow_tiling.z, row);
+    uv = clamp(uv, vec2(shadow_tiling.w), vec2(1.0 - shadow_tiling.w));
+    return texture(shadow_atlas, vec3((cell + uv) * shadow_tiling.xy, depth));
+}
+#endif
+
+// World size of a texel of the shadow map at a position.
+float shadow_texel(int i, vec3 position) {
+#if HAS_SHADOW_MAPS
+    float texels = 0.5 / shadow_tiling.w;
+    int kind = int(lights[i].shadow.x);
+    if (kind == SHADOW_ORTHOGRAPHIC) {
+        // Clip space spans 2; the gradients of its coordinates give the world length of a texel.
+        for (int face = 0; face < int(lights[i].shadow.z); ++face) {
+            mat4 m = lights[i].shadow_matrix[face];
+            vec2 p = (m * vec4(position, 1.0)).xy;
+            vec3 gu = vec3(m[0][0], m[1][0], m[2][0]);
+            vec3 gv = vec3(m[0][1], m[1][1], m[2][1]);
+            if (max(abs(p.x), abs(p.y)) < 1.0 || face + 1 == int(lights[i].shadow.z))
+                return 2.0 / (texels * min(length(gu), length(gv)));
+        }
+    }
+    if (kind == SHADOW_PERSPECTIVE) {
+        mat4 m = lights[i].shadow_matrix[0];
+        float w = (m * vec4(position, 1.0)).w;
+        return 2.0 * max(w, 0.0) / (texels * length(vec3(m[0][0], m[1][0], m[2][0])));
+    }
+    if (kind == SHADOW_CUBE) return 2.0 * length(position - lights[i].position.xyz) / texels;
+#endif
+    return 0.0;
+}
+
+// How much of light i reaches a position past the meshes, 0 to 1.
+float visibility(int i, vec3 position) {
+#if HAS_SHADOW_MAPS
+    vec4 shadow = lights[i].shadow;
+    int kind = int(shadow.x);
+    if (kind == SHADOW_ORTHOGRAPHIC) {
+        for (int face = 0; face < int(shadow.z); ++face) {
+            vec3 p = (lights[i].shadow_matrix[face] * vec4(position, 1.0)).xyz * 0.5 + 0.5;
+            if (all(greaterThan(p.xy, vec2(shadow_tiling.w))) && all(lessThan(p.xy, vec2(1.0 - shadow_tiling.w))))
+                return shadow_fetch(shadow.y + float(face), p.xy, p.z);
+        }
+        return 1.0;
+    }
+    if (kind == SHADOW_PERSPECTIVE) {
+        vec4 p = lights[i].shadow_matrix[0] * vec4(position, 1.0);
+        if (p.w <= 0.0) return 1.0;
+        vec2 uv = p.xy / p.w * 0.5 + 0.5;
+        if (any(lessThan(uv, vec2(0.0))) || any(greaterThan(uv, vec2(1.0)))) return 1.0;
+        return shadow_fetch(shadow.y, uv, length(position - lights[i].position.xyz) / shadow.w);
+    }
+    if (kind == SHADOW_CUBE) {
+        vec3 d = position - lights[i].position.xyz;
+        vec3 a = abs(d);
+        float face;
+        vec2 uv;
+        if (a.x >= a.y && a.x >= a.z) { face = d.x > 0.0 ? 0.0 : 1.0; uv = d.yz / a.x; }
+        else if (a.y >= a.z) { face = d.y > 0.0 ? 2.0 : 3.0; uv = d.zx / a.y; }
+        else { face = d.z > 0.0 ? 4.0 : 5.0; uv = d.xy / max(a.z, 1e-30); }
+        return shadow_fetch(shadow.y + face, uv * 0.5 + 0.5, length(d) / shadow.w);
+    }
+#endif
+    return 1.0;
+}

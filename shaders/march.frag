@@ -1,0 +1,212 @@
+// Single scattering along a view ray, front to back [TFM11 eq. 4]:
+//   L = int T(0, t) [ sum_v sigma_s,v (sum_lights p_v L_i V T_light + ambient) + sigma_a,v L_e,v ] dt
+// Steps end on the bounds of the volumes and on the surface. Inside a step the medium is constant and the exponential is taken
+// analytically; the light is evaluated where the step's extinction has its centroid.
+
+#include "include/phase.glsl"
+#include "include/integrate.glsl"
+#include "include/camera.glsl"
+#include "include/transmittance.glsl"
+#if HAS_EMISSION
+#include "include/emission.glsl"
+#endif
+
+in vec2 uv;
+
+layout(location = 0) out vec4 out_scattered;
+layout(location = 1) out vec4 out_transmittance;
+#if HAS_EMISSION
+layout(location = 2) out vec4 out_emission;
+#endif
+
+#if HAS_MESHES
+uniform sampler2D gbuffer_normal_distance;
+#endif
+uniform vec3 ambient;
+uniform float opacity_cutoff;
+uniform bool first_batch;
+
+Ray ray;
+vec3 transmittance = vec3(1.0);
+vec3 scattered = vec3(0.0);
+vec3 emitted = vec3(0.0);
+
+#if PROJECTIVE_STEPS
+#include "include/cone.glsl"
+#endif
+
+#if HAS_POINT
+// Mean of 1/d^2 to a light over [s0, s1] of the ray: exact where the step is long against the distance, because a midpoint would
+// miss or double the peak next to the light.
+float mean_inverse_square(vec3 light, float radius, float s0, float s1) {
+    vec3 to_light = light - ray.anchor;
+    float along = dot(to_light, ray.direction);
+    vec3 across = to_light - along * ray.direction;
+    float square = max(dot(across, across), 1e-30);
+    float a = s0 - along;
+    float b = s1 - along;
+    float h = b - a;
+    float middle = 0.5 * (a + b);
+    float at_middle = square + middle * middle;
+    float mean;
+    if (h * h < 0.04 * at_middle) {
+        mean = (1.0 / (square + a * a) + 4.0 / at_middle + 1.0 / (square + b * b)) / 6.0;
+    } else {
+        float across_distance = sqrt(square);
+        mean = (atan(b / across_distance) - atan(a / across_distance)) / (across_distance * h);
+    }
+    return radius > 0.0 ? min(mean, 1.0 / (radius * radius)) : mean;
+}
+#endif
+
+// One step [s0, s1]; `inside` is set for the volumes it lies in.
+void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
+    float h = s1 - s0;
+    vec3 middle = ray.anchor + (0.5 * (s0 + s1)) * ray.direction;
+    vec3 extinction = vec3(0.0);
+    vec3 scattering[VOLUME_COUNT];
+    vec3 source = vec3(0.0);
+    vec3 glow = vec3(0.0);
+    for (int v = 0; v < VOLUME_COUNT; ++v) {
+        scattering[v] = vec3(0.0);
+        if (!inside[v]) continue;
+        float density = density_at(v, middle);
+        if (density <= 0.0) continue;
+        vec3 sigma_t = density * volumes[v].strength.rgb;
+        extinction += sigma_t;
+        scattering[v] = sigma_t * volumes[v].albedo.rgb;
+#if HAS_AMBIENT
+        source += scattering[v] * ambient;
+#endif
+#if HAS_EMISSION
+        glow += (sigma_t - scattering[v]) * emitted_radiance(v, middle);
+#endif
+    }
+    float strongest = max(max(extinction.r, extinction.g), extinction.b);
+    if (strongest <= 0.0) return;
+    if (!first_batch) {
+        source = vec3(0.0);
+        glow = vec3(0.0);
+    }
+    vec3 depth = extinction * h;
+#if HAS_LIGHTS
+    if (lit) {
+        float mean_depth = dot(depth, vec3(1.0 / 3.0));
+        float event = s0 + h * extinction_centroid(mean_depth);
+        vec3 position = ray.anchor + event * ray.direction;
+        for (int i = 0; i < light_count; ++i) {
+            float inverse_square;
+            vec3 travel = light_travel(i, position, inverse_square);
+#if HAS_POINT
+            if (lights[i].position.w > 0.5)
+                inverse_square = mean_inverse_square(lights[i].position.xyz, lights[i].strength.w, s0, s1);
+#endif
+            vec3 arriving = lights[i].strength.rgb * shaping(i, travel) * inverse_square;
+            if (max(max(arriving.r, arriving.g), arriving.b) <= 0.0) continue;
+            float seen = visibility(i, position);
+            if (seen <= 0.0) continue;
+            float cosine = dot(travel, -ray.direction);
+            vec3 turned = vec3(0.0);
+            for (int v = 0; v < VOLUME_COUNT; ++v)
+                if (inside[v]) turned += scattering[v] * phase(volumes[v].phase, cosine);
+            source += turned * arriving * (seen * light_transmittance(i, position, travel));
+        }
+    }
+#endif
+#if CHROMATIC
+    vec3 mean = mean_transmittance(depth);
+    vec3 passed = exp(-depth);
+#else
+    vec3 mean = vec3(mean_transmittance(depth.r));
+    vec3 passed = vec3(exp(-depth.r));
+#endif
+    vec3 weight = transmittance * mean * h;
+    scattered += source * weight;
+#if HAS_EMISSION
+    emitted += glow * weight;
+#endif
+    transmittance *= passed;
+}
+
+void main() {
+    ray = camera_ray(uv);
+    vec2 visible = camera_range(ray);
+#if HAS_MESHES
+    visible.y = min(visible.y, texelFetch(gbuffer_normal_distance, ivec2(gl_FragCoord.xy), 0).w);
+#endif
+    vec2 spans[VOLUME_COUNT];
+    float cursor = visible.y;
+    float end = visible.x;
+    for (int v = 0; v < VOLUME_COUNT; ++v) {
+        vec2 span = volume_interval(v, ray.anchor, ray.direction);
+        span = vec2(max(span.x, visible.x), min(span.y, visible.y));
+        spans[v] = span;
+        if (span.x < span.y) {
+            cursor = min(cursor, span.x);
+            end = max(end, span.y);
+        }
+    }
+    bool inside[VOLUME_COUNT];
+    // Between two neighbouring bounds the same volumes are marched through.
+    for (int segment = 0; segment < 2 * VOLUME_COUNT && cursor < end; ++segment) {
+        float next = end;
+        float length_of_step = 1e30;
+        bool any_inside = false;
+        for (int v = 0; v < VOLUME_COUNT; ++v) {
+            inside[v] = false;
+            if (spans[v].x >= spans[v].y) continue;
+            if (spans[v].x > cursor) next = min(next, spans[v].x);
+            if (spans[v].y > cursor) next = min(next, spans[v].y);
+            if (spans[v].x <= cursor && spans[v].y > cursor) {
+                inside[v] = any_inside = true;
+                length_of_step = min(length_of_step, volumes[v].atlas_offset.w);
+            }
+        }
+        if (any_inside) {
+            float begin = cursor;
+            float stop = next;
+#if PROJECTIVE_STEPS
+            // Uniform steps in the projection of the only spot [TFM11 section 4.2], inside its cone; what lies before and
+            // behind the cone is not lit and takes one step.
+            vec2 cone = cone_interval(cursor, next);
+            if (cone.x < cone.y) {
+                if (cone.x > cursor) march_step(cursor, cone.x, inside, false);
+                begin = cone.x;
+                stop = cone.y;
+            }
+            bool lit = cone.x < cone.y;
+            vec4 row = vec4(lights[0].shadow_matrix[0][0].w, lights[0].shadow_matrix[0][1].w,
+                            lights[0].shadow_matrix[0][2].w, lights[0].shadow_matrix[0][3].w);
+            float w0 = dot(row, vec4(ray.anchor + begin * ray.direction, 1.0));
+            float w1 = dot(row, vec4(ray.anchor + stop * ray.direction, 1.0));
+            int count = lit ? max(int(ceil((stop - begin) / length_of_step)), PROJECTIVE_MINIMUM) : 1;
+            float previous = begin;
+            for (int n = 1; n <= count; ++n) {
+                float f = float(n) / float(count);
+                float s = n == count ? stop : begin + (stop - begin) * f * w0 / (f * w0 + (1.0 - f) * w1);
+                march_step(previous, s, inside, lit);
+                previous = s;
+                if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) break;
+            }
+            if (stop < next) march_step(stop, next, inside, false);
+#else
+            int count = int(ceil((stop - begin) / length_of_step));
+            float h = (stop - begin) / float(count);
+            for (int n = 0; n < count; ++n) {
+                march_step(begin + float(n) * h, begin + float(n + 1) * h, inside, true);
+                if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) break;
+            }
+#endif
+        }
+        if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) {
+            transmittance = vec3(0.0);
+            break;
+        }
+        cursor = next;
+    }
+    out_scattered = vec4(scattered, 1.0);
+    out_transmittance = vec4(transmittance, 1.0);
+#if HAS_EMISSION
+    out_emission = vec4(emitted, 1.0);
+#endif
+}

@@ -1,0 +1,173 @@
+// One texel: the transmittance along one light ray through one volume, projected on cosines.
+//   c_j = (2/D) int_0^D f(x) cos(j pi x / D) dx,  f = exp(-stored strength * optical density)
+// The curve is exponential inside a step; its mean over the step times the mean of the cosine over the step is summed.
+// METHOD 1 [TFM11 alg. 2] projects over the whole way through the bounds. METHOD 0 [ATFM12 alg. 2] marches twice: once to find the
+// range in which the curve falls from 1 to a threshold, once inside it.
+
+#include "include/light_map.glsl"
+#include "include/integrate.glsl"
+
+const float PI = 3.14159265358979;
+const float EMPTY = 1e30;
+
+in vec2 uv;
+
+layout(location = 0) out vec4 coefficients0;
+#if MAP_LAYERS > 1
+layout(location = 1) out vec4 coefficients1;
+#endif
+#if MAP_LAYERS > 2
+layout(location = 2) out vec4 coefficients2;
+#endif
+#if MAP_LAYERS > 3
+layout(location = 3) out vec4 coefficients3;
+#endif
+#if MAP_LAYERS > 4
+layout(location = 4) out vec4 coefficients4;
+#endif
+layout(location = MAP_LAYERS) out vec2 range;
+
+uniform sampler3D density_atlas;
+uniform mat4 centre_to_box;  // point relative to the volume's centre -> unit cube
+uniform vec4 atlas_scale;    // w: density of a texel of value 1
+uniform vec3 atlas_offset;
+uniform int map_kind;
+uniform mat3 ray_origin;     // columns: at (0, 0), change along u, change along v
+uniform mat3 ray_direction;
+uniform vec4 from_light;     // light -> centre, or direction of travel; w: length
+uniform float stored;        // extinction per unit of density at which the curve is stored
+uniform float end_depth;     // stored optical depth at which the adaptive range ends
+uniform float begin_depth;   // stored optical depth that the start of the range may leave out
+uniform float step_length;
+
+vec3 origin, direction;
+
+float density(float s) {
+    vec3 box = clamp((centre_to_box * vec4(origin + s * direction, 1.0)).xyz, 0.0, 1.0);
+    return texture(density_atlas, box * atlas_scale.xyz + atlas_offset).r * atlas_scale.w;
+}
+
+vec2 bounds_interval() {
+    vec3 o = (centre_to_box * vec4(origin, 1.0)).xyz;
+    vec3 d = mat3(centre_to_box) * direction;
+    d = mix(d, vec3(1e-20), lessThan(abs(d), vec3(1e-20)));
+    vec3 a = -o / d;
+    vec3 b = (1.0 - o) / d;
+    vec3 first = min(a, b);
+    vec3 last = max(a, b);
+    return vec2(max(max(first.x, first.y), first.z), min(min(last.x, last.y), last.z));
+}
+
+void main() {
+    vec4 c[MAP_LAYERS];
+    for (int i = 0; i < MAP_LAYERS; ++i) c[i] = vec4(0.0);
+    c[0].x = 2.0;  // the series of 1
+    c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3] = 1.0;
+    range = vec2(EMPTY, 2.0 * EMPTY);
+
+    if (map_kind == MAP_OCTAHEDRAL) {
+        origin = -from_light.xyz;
+        direction = octahedral_decode(uv);
+    } else {
+        origin = ray_origin[0] + uv.x * ray_origin[1] + uv.y * ray_origin[2];
+        direction = normalize(ray_direction[0] + uv.x * ray_direction[1] + uv.y * ray_direction[2]);
+    }
+    vec2 span = bounds_interval();
+    if (map_kind != MAP_ORTHOGRAPHIC) {
+        float behind = -dot(origin + from_light.xyz, direction);  // where the light itself is
+        span.x = max(span.x, behind);
+    }
+    if (span.x < span.y) {
+        float offset = distance_along_light(map_kind, origin, from_light);
+        float length_ = span.y - span.x;
+        float count = ceil(length_ / step_length);
+        float h = length_ / count;
+        float begin = span.x;
+        float end = span.y;
+        float depth = 0.0;        // stored optical depth at the start of the projected range
+        bool any_density = true;
+        bool dense = false;
+#if METHOD == 0
+        float total = 0.0;
+        float first = -1.0;       // step with the first density
+        float start = -1.0;       // step before the one in which the curve begins to fall
+        float start_depth = 0.0;
+        float before = 0.0;       // total one step ago
+        float last = 0.0;
+        for (float n = 0.0; n < count; n += 1.0) {
+            float step_depth = stored * density(span.x + (n + 0.5) * h) * h;
+            if (step_depth > 0.0) {
+                if (first < 0.0) first = n;
+                last = n + 1.0;
+            }
+            if (start < 0.0 && total + step_depth > begin_depth) {
+                start = max(n - 1.0, 0.0);
+                start_depth = before;
+            }
+            if (total + step_depth >= end_depth) {
+                end = span.x + (n + (end_depth - total) / step_depth) * h;
+                dense = true;
+                break;
+            }
+            before = total;
+            total += step_depth;
+        }
+        any_density = first >= 0.0;
+        if (start < 0.0) start = max(first, 0.0);
+        begin = span.x + start * h;
+        depth = start_depth;
+        if (!dense) end = span.x + last * h;
+        end = max(end, begin + 1e-3 * h);
+        length_ = end - begin;
+        count = clamp(ceil(length_ / h), SECOND_MARCH_STEPS, 4096.0);
+        h = length_ / count;
+#endif
+        if (any_density) {
+            for (int i = 0; i < MAP_LAYERS; ++i) c[i] = vec4(0.0);
+            float from = exp(-depth);
+            for (float n = 0.0; n < count; n += 1.0) {
+                float step_depth = stored * density(begin + (n + 0.5) * h) * h;
+                float mean = from * mean_transmittance(step_depth);
+                float twice = 2.0 * cos(PI * (n + 0.5) / count);
+                float previous = 0.5 * twice;  // cos of -theta, then Chebyshev: cos((j+1)t) = 2 cos t cos(jt) - cos((j-1)t)
+                float current = 1.0;
+                for (int j = 0; j < COEFFICIENTS; ++j) {
+                    c[j >> 2][j & 3] += mean * current;
+                    float next = twice * current - previous;
+                    previous = current;
+                    current = next;
+                }
+                depth += step_depth;
+                from = exp(-depth);
+            }
+            for (int j = 0; j < COEFFICIENTS; ++j) {
+                // The mean of the cosine over a step is its midpoint times sinc of half the phase across the step.
+                float half_phase = 0.5 * PI * float(j) / count;
+                c[j >> 2][j & 3] *= 2.0 / count * (j == 0 ? 1.0 : sin(half_phase) / half_phase);
+            }
+            float tail = 0.0;
+            if (dense) {
+                float reach = min(h, (span.y - end) / 3.0);
+                float sum = 0.0;
+                if (reach > 0.0) for (int n = 0; n < 3; ++n) sum += density(end + (float(n) + 0.5) * reach);
+                tail = stored * sum / 3.0 * length_;
+            }
+            c[COEFFICIENTS >> 2][COEFFICIENTS & 3] = min(tail, 6e4);
+            c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3] = exp(-depth);
+            range = vec2(begin, end) + offset;
+        }
+    }
+    coefficients0 = c[0];
+#if MAP_LAYERS > 1
+    coefficients1 = c[1];
+#endif
+#if MAP_LAYERS > 2
+    coefficients2 = c[2];
+#endif
+#if MAP_LAYERS > 3
+    coefficients3 = c[3];
+#endif
+#if MAP_LAYERS > 4
+    coefficients4 = c[4];
+#endif
+}
