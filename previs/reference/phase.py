@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+_SCHLICK_LIMIT = 0.999
+
 
 def _henyey_greenstein(cos_theta: np.ndarray, g: float) -> np.ndarray:
     # |1 − g| enters squared: written this way nothing cancels near the forward peak.
@@ -25,7 +27,8 @@ def phase_function(
 
     - ``isotropic``: 1/4π
     - ``hg``: Henyey–Greenstein [RTR4 eq. 14.9]
-    - ``schlick``: [RTR4 eq. 14.11 and 14.12], k = 1.55g − 0.55g³, the sign of k turned for this angle
+    - ``schlick``: [RTR4 eq. 14.11 and 14.12], k = 1.55g − 0.55g³, the sign of k turned for this angle; the fit
+      exceeds 1 for g in (0.938, 1), where the function would turn negative, so |k| is kept at or below 0.999
     - ``rayleigh``: 3/(16π)·(1 + cos²θ) [RTR4 eq. 14.7]
     - ``two_lobe``: lerp(HG(anisotropy), HG(anisotropy2), lobe_mix), `lobe_mix` in [0, 1]
 
@@ -37,7 +40,7 @@ def phase_function(
     if phase == "hg":
         return _henyey_greenstein(cos_theta, anisotropy)
     if phase == "schlick":
-        k = 1.55 * anisotropy - 0.55 * anisotropy**3
+        k = float(np.clip(1.55 * anisotropy - 0.55 * anisotropy**3, -_SCHLICK_LIMIT, _SCHLICK_LIMIT))
         return (1.0 - k * k) / (4.0 * np.pi * (1.0 - k * cos_theta) ** 2)
     if phase == "rayleigh":
         return 3.0 / (16.0 * np.pi) * (1.0 + cos_theta**2)
