@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
-from pxr import Sdf, Usd, UsdGeom, UsdShade
+from pxr import Usd, UsdGeom, UsdShade
 
 from ..description import ANISOTROPY_LIMIT, PHASES, Color, Medium, Surface
 from .context import Translation
@@ -57,16 +57,21 @@ def read_medium(prim: Usd.Prim, material: UsdShade.Material | None, time: Usd.Ti
     """The medium of a material's volume output; PrevisVolume's defaults when nothing is bound."""
     if material is None:
         return Medium()
+    previs_shader = previs_volume_shader(material, out)
+    if previs_shader is not None:
+        return _read_previs_volume(previs_shader, time, out)
     shaders = _volume_shaders(material, out)
-    for shader in shaders:
-        if shader.GetShaderId() == PREVIS_VOLUME:
-            return _read_previs_volume(shader, time, out)
     if not shaders:
         out.note("approximated", material.GetPrim(), "has no volume shader; PrevisVolume's defaults stand in for it")
         return Medium()
     shader = shaders[0]
     out.note("approximated", material.GetPrim(), f"{_shader_label(shader)} is read as PrevisVolume's defaults")
     return Medium()
+
+
+def previs_volume_shader(material: UsdShade.Material, out: Translation) -> UsdShade.Shader | None:
+    """The PrevisVolume shader behind one of a material's volume outputs."""
+    return next((s for s in _volume_shaders(material, out) if s.GetShaderId() == PREVIS_VOLUME), None)
 
 
 def _volume_shaders(material: UsdShade.Material, out: Translation) -> list[UsdShade.Shader]:
@@ -305,8 +310,3 @@ def _reads_display_color(shader: UsdShade.Shader, time: Usd.TimeCode, out: Trans
 def _texture_fallback(source: UsdShade.Shader, time: Usd.TimeCode) -> Any:
     fallback = source.GetInput("fallback")
     return fallback.Get(time) if fallback and fallback.GetAttr().HasAuthoredValue() else None
-
-
-def material_path(material: UsdShade.Material | None) -> Sdf.Path | None:
-    """The prim path of a material, None for no material."""
-    return material.GetPath() if material else None
