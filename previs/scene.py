@@ -583,7 +583,8 @@ class Scene:
         if prim and prim.IsDefined():
             raise ValueError(f"{prim_path}: there is a prim at this path already")
         for parent in prim_path.GetParentPath().GetPrefixes():
-            if not self.stage.GetPrimAtPath(parent).IsDefined():
+            above = self.stage.GetPrimAtPath(parent)
+            if not above or not above.IsDefined():
                 UsdGeom.Xform.Define(self.stage, parent)
         return prim_path
 
