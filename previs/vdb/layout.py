@@ -48,11 +48,7 @@ NAME_SEPARATOR = "\x1e"  # same-named grids are kept apart as name, separator, n
 HALF_SUFFIX = "_HalfFloat"
 HALF_METADATA = "is_saved_as_half_float"
 
-GRID_CLASSES = {
-    "fog volume": "fog volume",
-    "level set": "level set",
-    "staggered vector field": "staggered",
-}
+GRID_CLASSES = ("fog volume", "level set", "staggered")  # any other is "unknown"
 
 
 @dataclass(frozen=True)

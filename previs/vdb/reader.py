@@ -152,7 +152,8 @@ class _Entry:
 
     @property
     def grid_class(self) -> str:
-        return layout.GRID_CLASSES.get(str(self.metadata.get("class")), "unknown")
+        noted = self.metadata.get("class")
+        return noted if noted in layout.GRID_CLASSES else "unknown"
 
 
 class _Archive:

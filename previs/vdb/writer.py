@@ -26,8 +26,6 @@ from .grid import Grid, Tiles, affine_matrix
 LIBRARY_VERSION = (10, 0)  # the OpenVDB release whose files look like ours
 ZIP_LEVEL = 1  # noisy floats shrink by a few per cent at most beyond this, for several times the time
 
-_CLASS_TOKENS = {ours: theirs for theirs, ours in layout.GRID_CLASSES.items()}
-
 
 def write(
     path: str | os.PathLike[str],
@@ -141,7 +139,7 @@ def _grid_metadata(grid: Grid, flags: int, numbered: bool) -> dict[str, bytes]:
     words += ["active values"] * bool(flags & layout.COMPRESS_ACTIVE_MASK)
     entries |= {
         "name": _metadatum(grid.name),
-        "class": _metadatum(_CLASS_TOKENS.get(grid.grid_class, "unknown")),
+        "class": _metadatum(grid.grid_class if grid.grid_class in layout.GRID_CLASSES else "unknown"),
         "file_bbox_min": _metadatum(low),
         "file_bbox_max": _metadatum(high),
         "file_compression": _metadatum(" + ".join(words) or "none"),
