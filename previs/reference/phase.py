@@ -25,12 +25,12 @@ def phase_function(
     in which it travels after it, so a positive `anisotropy` g (in (−1, 1), default 0) scatters forward.
     `phase` is one of
 
-    - ``isotropic``: 1/4π
-    - ``hg``: Henyey–Greenstein [RTR4 eq. 14.9]
-    - ``schlick``: [RTR4 eq. 14.11 and 14.12], k = 1.55g − 0.55g³, the sign of k turned for this angle; the fit
+    - ``isotropic``: 1/4π [RTR4 eq. 14.6]
+    - ``hg``: Henyey–Greenstein [RTR4 eq. 14.10]
+    - ``schlick``: [RTR4 eq. 14.11], k = 1.55g − 0.55g³, the sign of k turned for this angle; the fit
       exceeds 1 for g in (0.938, 1), where the function would turn negative, so |k| is kept at or below 0.999
-    - ``rayleigh``: 3/(16π)·(1 + cos²θ) [RTR4 eq. 14.7]
-    - ``two_lobe``: lerp(HG(anisotropy), HG(anisotropy2), lobe_mix), `lobe_mix` in [0, 1]
+    - ``rayleigh``: 3/(16π)·(1 + cos²θ) [RTR4 eq. 14.8]
+    - ``two_lobe``: lerp(HG(anisotropy), HG(anisotropy2), lobe_mix), `lobe_mix` in [0, 1] [RTR4 eq. 14.17]
 
     Raises ValueError for any other name.
     """
