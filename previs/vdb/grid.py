@@ -67,8 +67,8 @@ class Grid:
     leaf_values: np.ndarray
     leaf_active: np.ndarray
     background: Any = 0.0
-    tiles: Tiles | None = None
-    inactive_tiles: Tiles | None = None
+    tiles: Tiles = field(default=None)  # type: ignore[assignment]  # none, of the grid's value type
+    inactive_tiles: Tiles = field(default=None)  # type: ignore[assignment]
     grid_class: str = "unknown"
     value_type: str = "float"
     index: int = 0

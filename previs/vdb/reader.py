@@ -11,8 +11,10 @@ grids must rise, and whatever goes wrong inside comes out as one sentence that n
 
 from __future__ import annotations
 
+import errno
 import io
 import os
+import stat
 import struct
 import zlib
 from collections import defaultdict
@@ -69,10 +71,11 @@ def read(path: str | os.PathLike[str], names: Collection[str] | None = None) -> 
 
     Grids that cannot be read (see :func:`read_metadata`) are left out if ``names`` is None and another grid can be
     read; they raise NotImplementedError, with the grid's name and type, if they were asked for or if they are all
-    there is. Raises ValueError for a file that is damaged or is no .vdb, OSError if it cannot be opened.
+    there is. A stream file may hold grids that cannot be found behind an unsupported one: they count as unsupported.
+    Raises ValueError for a file that is damaged or is no .vdb, OSError if it cannot be opened.
     """
     wanted = {names} if isinstance(names, str) else None if names is None else set(names)
-    with _explained(path), open(path, "rb") as file:
+    with _explained(path), _open(path) as file:
         archive = _Archive(file)
         entries = archive.entries()
         chosen = [e for e in entries if wanted is None or e.name in wanted]
@@ -91,8 +94,15 @@ def read_metadata(path: str | os.PathLike[str]) -> list[GridInfo]:
     A stream file has no offsets, so what follows a point grid or a tree of another shape in it cannot be found:
     the list ends with that grid. Raises ValueError and OSError as :func:`read` does.
     """
-    with _explained(path), open(path, "rb") as file:
+    with _explained(path), _open(path) as file:
         return [_info(entry) for entry in _Archive(file).entries()]
+
+
+def _open(path: str | os.PathLike[str]) -> BinaryIO:
+    # Opening a pipe would wait for its writer, for ever perhaps.
+    if stat.S_ISFIFO(os.stat(path).st_mode):
+        raise OSError(errno.EINVAL, "it is a pipe and not a file", os.fspath(path))
+    return open(path, "rb")
 
 
 @contextmanager
@@ -140,6 +150,8 @@ class _Entry:
     def unsupported(self) -> str | None:
         if self.type not in layout.SPEC_OF_TREE:
             kind = self.type.removeprefix("Tree_").split("_")[0]
+            if kind in layout.VALUE_SPECS:
+                return f"grid {self.name!r} has a tree of an unusual shape ({self.type}), which is not supported"
             kind = "point" if kind.startswith("pt") else kind
             return f"grid {self.name!r} is a {kind} grid ({self.type}), which is not supported"
         if self.index_to_world is None:
@@ -162,7 +174,7 @@ class _Archive:
     def __init__(self, file: BinaryIO) -> None:
         size = os.fstat(file.fileno()).st_size
         self._cursor = _Cursor(file, 0, size)
-        self._trees: dict[str, Tree] = {}
+        self._trees: dict[int, Tree] = {}  # by where they start in the file
         self._listed: dict[str, _Entry] = {}
         self.cut_short: str | None = None
         if self._cursor.size < 12 or self._cursor.unpack("<q") != layout.MAGIC:
@@ -195,13 +207,11 @@ class _Archive:
         found: list[_Entry] = []
         for _ in range(self._grid_count):
             entry = self._read_entry()
-            if entry.unique_name in self._listed:
-                raise ValueError(f"two of its grids have the one unique name {entry.unique_name!r}")
-            self._listed[entry.unique_name] = entry
+            self._listed.setdefault(entry.unique_name, entry)
             found.append(entry)
             if self._has_offsets:
                 self._cursor.position = entry.tree_end
-            elif not entry.parent and not self._pass_tree(entry):
+            elif not self._pass_tree(entry):
                 self.cut_short = f"what follows grid {entry.name!r} of type {entry.type} in this stream cannot be found"
                 break
         return _numbered(found)
@@ -233,10 +243,10 @@ class _Archive:
         )
 
     def _tree(self, entry: _Entry) -> Tree:
-        if entry.unique_name not in self._trees:
+        if entry.tree_start not in self._trees:
             data = self._cursor.view(entry.tree_start, entry.tree_end)
-            self._trees[entry.unique_name], _ = read_tree(data, self._format(entry))
-        return self._trees[entry.unique_name]
+            self._trees[entry.tree_start], _ = read_tree(data, self._format(entry))
+        return self._trees[entry.tree_start]
 
     def _format(self, entry: _Entry) -> TreeFormat:
         return TreeFormat(self.version, entry.compression, layout.SPEC_OF_TREE.get(entry.type, _BYTE), entry.half)
@@ -245,6 +255,8 @@ class _Archive:
         """Move behind the tree of a stream's grid; False if the end of its type of tree cannot be found."""
         if entry.index_to_world is None and entry.transform != _FRUSTUM:
             return False
+        if entry.parent:
+            return True
         data = self._cursor.view(entry.tree_start, entry.tree_end)
         if entry.type in layout.SPEC_OF_TREE:
             size = skip_tree(data, self._format(entry))

@@ -120,6 +120,12 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
         vdb.read(tmp_path)
 
 
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.vdb")
+    with pytest.raises(OSError, match="pipe"):
+        vdb.read(tmp_path / "pipe.vdb")
+
+
 @pytest.fixture
 def good(tmp_path):
     path = tmp_path / "file.vdb"

@@ -216,6 +216,19 @@ def test_an_instance_shares_the_tree_of_its_parent(tmp_path, offsets):
     check(alone, VALUES)
 
 
+def test_an_instance_of_a_grid_with_another_transform_is_readable(tmp_path):
+    grids = [simple("smoke", transform=FRUSTUM), ("copy", FLOAT, "smoke", metadata() + IDENTITY, 0)]
+    [copy] = read_bytes(tmp_path, archive(grids))
+    check(copy, VALUES)
+
+
+def test_two_grids_of_one_unique_name_are_two_grids(tmp_path):
+    grids = read_bytes(tmp_path, archive([simple("smoke"), simple("smoke", flags=MASK)]))
+    assert [(g.name, g.index) for g in grids] == [("smoke", 0), ("smoke", 1)]
+    check(grids[0], VALUES)
+    check(grids[1], 0)
+
+
 @pytest.mark.parametrize("parent", ["absent", "copy", "copy of copy"])
 def test_an_instance_of_nothing_is_refused_in_words(tmp_path, parent):
     grids = [
@@ -251,7 +264,7 @@ FROM_CAMERA = simple("frustum", transform=FRUSTUM)
         (TOPOLOGY, "'mask' is a mask grid"),
         (POINTS, "'points' is a point grid"),
         (FROM_CAMERA, "'frustum'.*NonlinearFrustumMap"),
-        (("cut", "Tree_float_4_3_3", "", metadata() + IDENTITY, 0), "'cut'.*Tree_float_4_3_3"),
+        (("cut", "Tree_float_4_3_3", "", metadata() + IDENTITY, 0), "'cut'.*shape.*Tree_float_4_3_3"),
         (simple("strange", transform=text("SpiralMap")), "'strange'.*SpiralMap"),
     ],
 )
