@@ -4,10 +4,10 @@
 
     L = ∫ T_view · (Σ_lights σs·p(cosθ)·E·V·T_light + σs·La + σa·Le) dt  +  T_view(d) · L_surface
 
-[RTR4 eq. 14.2 to 14.5; the ambient term is TFM11 eq. 7]. Nothing is marched: optical depths are closed forms (shapes) or exact per
-cell (grids), and the outer integral is an adaptive Gauss–Kronrod rule that splits its intervals until its own
-error estimate is met, starting from every place where the integrand has a kink or a jump: boundaries of volumes,
-faces of grid cells, edges of light cones, and the planes that bound the shadows of solids.
+[RTR4 eq. 14.2 to 14.5; the ambient term is TFM11 eq. 7]. Nothing is marched: optical depths are closed forms
+(shapes) or exact per cell (grids), and the outer integral is an adaptive Gauss–Kronrod rule that splits its intervals
+until its own error estimate is met, starting from every place where the integrand has a kink or a jump: boundaries of
+volumes, faces of grid cells, edges of light cones, and the boundaries of the shadows of solids and of volumes.
 
 What is modelled: any number of overlapping volumes (homogeneous boxes, spheres, capsules and trilinear grids under
 any invertible affine transform), distant, point and spot lights, a uniform ambient radiance, and triangles with a

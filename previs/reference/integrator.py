@@ -12,6 +12,7 @@ from previs.reference.camera import Camera
 from previs.reference.lights import Light
 from previs.reference.quadrature import Pieces, Warp, integrate
 from previs.reference.scene import Scene, Volume
+from previs.reference.shadows import volume_shadow_breakpoints
 from previs.reference.solids import SolidSet
 
 # Behind this optical depth (in the clearest channel) nothing is left: e⁻⁵⁰ = 2e-22.
@@ -220,6 +221,7 @@ def _scattered(scene: Scene, solids: SolidSet, rays: _Rays, max_error: float) ->
             *faces,
             light.breakpoints(rays.origins, rays.directions),
             solids.shadow_breakpoints(light, rays.origins, rays.directions),
+            *(volume_shadow_breakpoints(v.density, light, rays.origins, rays.directions) for v in volumes),
         ]
         peak = light.peak(rays.origins, rays.directions)
         pieces = _pieces(volumes, rays, cuts)
