@@ -107,9 +107,10 @@ def _reduced(grid, lo: np.ndarray, hi: np.ndarray, factor: int) -> np.ndarray:
     channels = grid.leaf_values.shape[4:]
     total = np.zeros((*shape, *channels), np.float32)
     background = np.asarray(grid.background, np.float32)
-    values = np.where(
-        grid.leaf_active[(...,) + (None,) * len(channels)], grid.leaf_values, background
-    ).astype(np.float32) - background
+    values = (
+        np.where(grid.leaf_active[(...,) + (None,) * len(channels)], grid.leaf_values, background).astype(np.float32)
+        - background
+    )
     edge = min(factor, 8)
     cells = 8 // edge
     blocks = values.reshape(-1, cells, edge, cells, edge, cells, edge, *channels).sum(axis=(2, 4, 6))
@@ -118,7 +119,9 @@ def _reduced(grid, lo: np.ndarray, hi: np.ndarray, factor: int) -> np.ndarray:
     np.add.at(total, tuple(where.reshape(-1, 3).T), blocks.reshape(-1, *channels))
     tiles = grid.tiles
     for origin, size, value in zip(tiles.origin, tiles.size, tiles.value, strict=True):
-        _add_box(total, np.asarray(origin, np.int64), int(size), np.asarray(value, np.float32) - background, factor, first)
+        _add_box(
+            total, np.asarray(origin, np.int64), int(size), np.asarray(value, np.float32) - background, factor, first
+        )
     return total / float(factor) ** 3 + background
 
 

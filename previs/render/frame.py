@@ -149,10 +149,9 @@ class Frame:
         if self.progress is not None:
             self.progress(fraction)
 
-    def release(self) -> None:
-        """Free everything."""
+    def release_scene(self) -> None:
+        """Free what belongs to a scene."""
         for store in (
-            self.shaders,
             self.density,
             self.temperature,
             self.emission,
@@ -162,8 +161,14 @@ class Frame:
             self.targets,
         ):
             store.release()
+
+    def release(self) -> None:
+        """Free everything."""
+        self.release_scene()
+        self.shaders.release()
         for buffer in self._buffers.values():
             buffer.release()
         self._buffers.clear()
         if self._blackbody is not None:
             self._blackbody.release()
+        self._blackbody = None

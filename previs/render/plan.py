@@ -181,7 +181,11 @@ def make_plan(
             if factor > 1:
                 dims = "×".join(str(d) for d in field_dims(f))
                 notes.append(
-                    Note("approximated", volume.path, f"field of {dims} voxels is averaged over cubes of {factor}³ to fit")
+                    Note(
+                        "approximated",
+                        volume.path,
+                        f"field of {dims} voxels is averaged over cubes of {factor}³ to fit",
+                    )
                 )
         keys = tuple((v.path, f.parts()) for v, f in fields)
         why = f"{len(fields)} field{'s' if len(fields) > 1 else ''} of voxels"

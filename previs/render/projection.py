@@ -182,7 +182,9 @@ def light_map(light: Light, volume, size: int) -> LightMap:
         to_map = np.zeros((4, 4))
         to_map[:3, 0], to_map[:3, 1] = right / du, up / dv
         to_map[3, :] = (-u0 / du, -v0 / dv, 0.0, 1.0)
-        return LightMap("orthographic", centre, origin, np.array([direction, np.zeros(3), np.zeros(3)]), to_map, direction)
+        return LightMap(
+            "orthographic", centre, origin, np.array([direction, np.zeros(3), np.zeros(3)]), to_map, direction
+        )
     position = light.position - centre
     candidates = []
     distance = float(np.linalg.norm(position))
@@ -254,7 +256,11 @@ class ShadowFit:
 
     def key(self) -> bytes:
         """A hashable stand-in."""
-        return self.kind.encode() + np.array([self.far, *self.position]).tobytes() + b"".join(m.tobytes() for m in self.matrices)
+        return (
+            self.kind.encode()
+            + np.array([self.far, *self.position]).tobytes()
+            + b"".join(m.tobytes() for m in self.matrices)
+        )
 
 
 def shadow_fit(light: Light, casters: np.ndarray, receivers: np.ndarray, media: np.ndarray) -> ShadowFit:
@@ -283,7 +289,9 @@ def shadow_fit(light: Light, casters: np.ndarray, receivers: np.ndarray, media: 
     if shaping is not None and shaping.cone_angle < 65.0:
         tangent = math.tan(math.radians(max(shaping.cone_angle, 0.1))) * 1.01
         right, up = _axes(light.direction)
-        return ShadowFit("perspective", (_perspective_face(light.direction, right, up, position, tangent, far),), far, position)
+        return ShadowFit(
+            "perspective", (_perspective_face(light.direction, right, up, position, tangent, far),), far, position
+        )
     faces = [_perspective_face(f, r, u, position, 1.0, far) for f, r, u in CUBE_FACES]
     return ShadowFit("cube", tuple(faces), far, position)
 

@@ -165,6 +165,12 @@ class Renderer:
                 self._states[p.name] = (state, next(self._serial))
                 self.executed.append(p.name)
 
+    def forget_scene(self) -> None:
+        """Free what belongs to the scene last rendered; compiled shaders stay."""
+        with self.context:
+            self._frame.release_scene()
+        self._states.clear()
+
     def _forget(self, kind: str) -> None:
         for name in [n for n in self._states if n.startswith(kind)]:
             del self._states[name]

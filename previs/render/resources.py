@@ -37,7 +37,9 @@ class Placement:
         return (*self.offset, 0.0)
 
 
-def pack_boxes(sizes: Sequence[tuple[int, int, int]], limit: int) -> tuple[tuple[int, int, int], list[tuple[int, int, int]]]:
+def pack_boxes(
+    sizes: Sequence[tuple[int, int, int]], limit: int
+) -> tuple[tuple[int, int, int], list[tuple[int, int, int]]]:
     """Place boxes in one larger box: shelves of rows of boxes, largest first.
 
     Returns:
@@ -47,7 +49,9 @@ def pack_boxes(sizes: Sequence[tuple[int, int, int]], limit: int) -> tuple[tuple
         MemoryError: when they do not fit a box with edges of at most `limit`.
     """
     best = None
-    order = sorted(range(len(sizes)), key=lambda i: sizes[i][2] * 2**32 + sizes[i][1] * 2**16 + sizes[i][0], reverse=True)
+    order = sorted(
+        range(len(sizes)), key=lambda i: sizes[i][2] * 2**32 + sizes[i][1] * 2**16 + sizes[i][0], reverse=True
+    )
     widest = max(s[0] for s in sizes)
     deepest = max(s[1] for s in sizes)
     for columns in range(1, len(sizes) + 1):
@@ -92,7 +96,7 @@ class FieldAtlas:
         for f in fields.values():
             key = (f.key, memory)
             blocks[key] = self._blocks.get(key) or pack(f, memory, limit)
-        packing = (tuple(sorted(map(repr, blocks))), limit)
+        packing = frozenset(blocks), limit
         if packing != self._packing:
             self._upload(blocks, limit)
         self._blocks, self._packing = blocks, packing
@@ -114,7 +118,9 @@ class FieldAtlas:
         size, corners = pack_boxes([blocks[k].size for k in keys], limit)
         self._corners = dict(zip(keys, corners, strict=True))
         if len(keys) == 1:
-            self.texture = self._context.texture3d(size, self._components, self._shaped(blocks[keys[0]]).tobytes(), dtype="f2")
+            self.texture = self._context.texture3d(
+                size, self._components, self._shaped(blocks[keys[0]]).tobytes(), dtype="f2"
+            )
         else:
             self.texture = self._context.texture3d(size, self._components, dtype="f2")
             for key in keys:
@@ -138,6 +144,7 @@ class FieldAtlas:
         if self.texture is not None:
             self.texture.release()
         self.texture, self._packing, self._corners = None, None, {}
+        self.placements = {}
 
 
 class MapAtlas:
@@ -308,7 +315,9 @@ class Targets:
         self._context = context
         self._held: dict[str, tuple[Hashable, moderngl.Framebuffer]] = {}
 
-    def get(self, name: str, size: tuple[int, int], formats: Sequence[str], depth: bool = False) -> moderngl.Framebuffer:
+    def get(
+        self, name: str, size: tuple[int, int], formats: Sequence[str], depth: bool = False
+    ) -> moderngl.Framebuffer:
         """The framebuffer of that name, made anew when its shape changed."""
         shape = (size, tuple(formats), depth)
         held = self._held.get(name)

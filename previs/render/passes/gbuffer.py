@@ -58,6 +58,4 @@ def specular_at_normal(surface: Surface) -> tuple[float, float, float]:
     if surface.use_specular_workflow:
         return surface.specular_color
     ratio = (1.0 - surface.ior) / (1.0 + surface.ior)
-    return tuple(
-        ratio * ratio * (1.0 - surface.metallic) + c * surface.metallic for c in surface.diffuse_color
-    )
+    return tuple(ratio * ratio * (1.0 - surface.metallic) + c * surface.metallic for c in surface.diffuse_color)

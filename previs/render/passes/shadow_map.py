@@ -32,6 +32,6 @@ def run_shadow_map(frame: Frame, planned: PlannedPass) -> None:
         framebuffer.clear(depth=1.0, viewport=viewport)
         program.set(view_projection=gl(relative_to(matrix, plan.origin)))
         for mesh in plan.meshes:
-            frame.meshes.draw(mesh, program.program, "3f4 24x4", ("in_position",))
+            frame.meshes.draw(mesh, program.program, "3f4 24x", ("in_position",))
     framebuffer.scissor = None
     frame.context.enable_only(moderngl.NOTHING)

@@ -1,0 +1,125 @@
+"""The two functions that most programs need: open a scene, render it.
+
+`render` keeps one renderer for the process, so that a loop over frames or edits compiles its shaders once and draws again
+only what changed. A program that wants renderers of its own makes them with `previs.Renderer`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import threading
+import weakref
+from collections.abc import Callable
+from os import PathLike
+from typing import Any
+
+from .description import Camera, SceneDescription, framing_camera
+from .errors import PrevisError
+from .image import Image
+from .index import RenderIndex
+from .render.renderer import Renderer
+from .scene import Scene
+from .settings import Settings
+
+DEFAULT_WIDTH = 960
+
+
+def open(path: str | PathLike[str], session_layer: str | PathLike[str] | None = None) -> Scene:
+    """Open a USD stage (.usd, .usda, .usdc, .usdz) for rendering and editing.
+
+    Args:
+        path: the stage.
+        session_layer: a layer composed over it, as a session layer.
+
+    Raises:
+        PrevisError: one line that names the file and what is wrong.
+    """
+    return Scene.open(path, session_layer=session_layer)
+
+
+class _Shared:
+    """The renderer of the process, and the scene that it holds the resources of."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self._renderer: Renderer | None = None
+        self._scene: weakref.ref[Scene] | None = None
+        self._index = RenderIndex()
+
+    def take(self, scene: Scene) -> tuple[Renderer, RenderIndex]:
+        if self._renderer is None:
+            self._renderer = Renderer()
+        if self._scene is None or self._scene() is not scene:
+            self._renderer.forget_scene()
+            self._scene, self._index = weakref.ref(scene), RenderIndex()
+        return self._renderer, self._index
+
+    def release(self) -> None:
+        if self._renderer is not None:
+            self._renderer.release()
+        self._renderer, self._scene = None, None
+
+
+_shared = _Shared()
+atexit.register(_shared.release)
+
+
+def choose_camera(
+    scene: Scene, description: SceneDescription, camera: str | Camera | None, time: float | None
+) -> Camera:
+    """The camera asked for, else the stage's own choice, else one that frames the stage.
+
+    Raises:
+        PrevisError: when the stage has no camera of that name; the message lists those it has.
+    """
+    if isinstance(camera, Camera):
+        return camera
+    return scene.camera(camera, time) or framing_camera(description)
+
+
+def choose_size(camera: Camera, size: tuple[int, int] | int | None) -> tuple[int, int]:
+    """(width, height): as given, or a width (960 by default) and the height of the camera's aspect."""
+    if isinstance(size, tuple):
+        return size
+    width = DEFAULT_WIDTH if size is None else int(size)
+    return width, max(round(width / camera.aspect_ratio), 1)
+
+
+def render(
+    scene: Scene | str | PathLike[str],
+    camera: str | Camera | None = None,
+    size: tuple[int, int] | int | None = None,
+    time: float | None = None,
+    progress: Callable[[float], None] | None = None,
+    **settings: Any,
+) -> Image:
+    """Render a scene.
+
+    Args:
+        scene: a `Scene`, or the path of a stage.
+        camera: a camera's prim path or name, a `Camera`, or None for the stage's own, else one that frames everything.
+        size: (width, height) in pixels, or a width; None is 960 pixels wide with the camera's aspect.
+        time: time code; None is the earliest time of the stage.
+        progress: called with the done part of the frame in [0, 1].
+        **settings: any knob of `previs.settings.TABLE`, e.g. ``coefficients=14``.
+
+    Returns:
+        The picture, linear.
+
+    Raises:
+        PrevisError: one line that says what cannot be rendered and why.
+        ValueError: for an unknown setting or an illegal value.
+    """
+    values = Settings(**settings)
+    if not isinstance(scene, Scene):
+        with open(scene) as opened:
+            return render(opened, camera, size, time, progress, **settings)
+    with _shared.lock:
+        description = scene.describe(time)
+        chosen = choose_camera(scene, description, camera, time)
+        pixels = choose_size(chosen, size)
+        if min(pixels) < 1:
+            raise PrevisError(f"image of {pixels[0]}×{pixels[1]} pixels: both must be 1 or more")
+        renderer, index = _shared.take(scene)
+        index.update(description)
+        return renderer.render(index, chosen, pixels, values, progress)

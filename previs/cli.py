@@ -1,0 +1,56 @@
+"""The command line: ``previs record | info | diff | doctor``.
+
+Exit status: 0 done, 1 it could not be done (one line on stderr says what and why), 2 wrong arguments.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+from .errors import PrevisError
+
+_COMMANDS = {
+    "record": "render frames of a stage to picture files",
+    "info": "what is in a stage, how it would be rendered, what is not shown as authored",
+    "diff": "how far one picture is from another",
+    "doctor": "whether this machine can render, and what to do if not",
+}
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    parser = argparse.ArgumentParser(
+        prog="previs", description="A volumetric previewer for USD stages: smoke, clouds and fire, lit and shadowed."
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, summary in _COMMANDS.items():
+        module = importlib.import_module(f".commands.{name}", __package__)
+        command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; returns the exit status."""
+    parsed = build_parser().parse_args(arguments)
+    try:
+        return parsed.run(parsed)
+    except PrevisError as error:
+        print(f"previs {parsed.command}: {' '.join(str(error).split())}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # The reader of our output went away; Python would complain once more while closing stdout.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""Arguments that several sub-commands share; the knobs come from the settings table."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from ..settings import BY_NAME, TABLE, Settings
+
+
+def add_stage_arguments(parser: argparse.ArgumentParser) -> None:
+    """The stage, and what of it to show."""
+    parser.add_argument("stage", metavar="STAGE", help="USD stage: .usd, .usda, .usdc or .usdz")
+    parser.add_argument(
+        "--camera", "-cam", metavar="CAMERA", help="prim path or name of a camera (default: the stage's)"
+    )
+    parser.add_argument(
+        "--imageWidth", "-w", type=_positive, metavar="PIXELS", help="width of the image (default: 960)"
+    )
+    parser.add_argument(
+        "--mask", metavar="PATH[,PATH...]", help="show only these prims, what is below them and what they use"
+    )
+    parser.add_argument(
+        "--purposes", metavar="PURPOSE[,PURPOSE...]", default="render", help="purposes shown besides default"
+    )
+    parser.add_argument("--sessionLayer", metavar="LAYER", help="USD layer composed over the stage")
+    parser.add_argument("--renderSettingsPrimPath", "-rs", metavar="PATH", help="RenderSettings prim to follow")
+    parser.add_argument(
+        "--keepGoing", action="store_true", help="leave out a volume that cannot be read, with a warning"
+    )
+    parser.add_argument(
+        "--disableGpu", action="store_true", help="render on the processor (Mesa's software rasteriser)"
+    )
+
+
+def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
+    """The knobs of the settings table: a flag each for the common ones, --set for all."""
+    group = parser.add_argument_group("quality")
+    for setting in TABLE:
+        if setting.flag:
+            default = f" (default: {setting.default})"
+            group.add_argument(
+                setting.flag,
+                dest=f"setting_{setting.name}",
+                metavar=("|".join(setting.choices) or "N"),
+                help=setting.doc.replace("%", "%%") + default,
+            )
+    names = ", ".join(s.name for s in TABLE)
+    group.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", dest="assignments", help=f"any knob: {names}"
+    )
+
+
+def settings_from(arguments: argparse.Namespace) -> Settings:
+    """The settings that the arguments ask for.
+
+    Raises:
+        ValueError: one sentence naming the knob and what it accepts.
+    """
+    values = {}
+    for setting in TABLE:
+        given = getattr(arguments, f"setting_{setting.name}", None)
+        if given is not None:
+            values[setting.name] = given
+    for assignment in arguments.assignments:
+        name, equals, value = assignment.partition("=")
+        if not equals:
+            raise ValueError(f"--set {assignment}: write NAME=VALUE")
+        if name not in BY_NAME:
+            raise ValueError(f"--set {assignment}: no knob {name!r}; known are {', '.join(BY_NAME)}")
+        values[name] = value
+    settings = Settings(**values)
+    if getattr(arguments, "reference", False):
+        steps = {n: max(settings[n], 1024) for n in ("steps", "light_steps")}
+        settings = settings.replace(transmittance="march", **steps)
+    return settings
+
+
+def open_scene(arguments: argparse.Namespace):
+    """The scene that the arguments name.
+
+    Raises:
+        PrevisError: when it cannot be opened.
+    """
+    if arguments.disableGpu:
+        os.environ["LIBGL_ALWAYS_SOFTWARE"] = "1"
+    from ..scene import Scene
+
+    return Scene.open(
+        arguments.stage,
+        session_layer=arguments.sessionLayer,
+        mask=[p for p in (arguments.mask or "").split(",") if p] or None,
+        purposes=[p for p in arguments.purposes.replace(" ", ",").split(",") if p],
+        keep_going=arguments.keepGoing,
+    )
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number of 1 or more")
+    return value
+
+
+_positive.__name__ = "whole number"

@@ -1,0 +1,167 @@
+"""``previs record``: frames of a stage to picture files, as usdrecord does it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time as clock
+from pathlib import Path
+
+from ..errors import PrevisError
+from ..io import COLOR_CORRECTIONS, check_format, write_text
+from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
+from .frames import frame_path, has_placeholder, parse_frames
+from .view_of import camera_and_size, with_camera_light
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    add_stage_arguments(parser)
+    parser.add_argument(
+        "output", metavar="OUTPUT", help="picture: .exr (linear, all planes), .png or .jpg; ### is the frame"
+    )
+    times = parser.add_mutually_exclusive_group()
+    times.add_argument("--frames", "-f", metavar="FRAMES", help="time codes, like 1:100x2,120")
+    times.add_argument("--defaultTime", "-d", action="store_true", help="render the stage without time samples")
+    parser.add_argument(
+        "--colorCorrectionMode",
+        "-color",
+        choices=COLOR_CORRECTIONS,
+        default="sRGB",
+        help="for .png and .jpg (default: sRGB); openColorIO takes $OCIO or the built-in ACES config",
+    )
+    parser.add_argument(
+        "--exposure", type=_exposure, default=0.0, metavar="EV", help="stops, or auto, for .png and .jpg"
+    )
+    parser.add_argument("--reference", action="store_true", help="march light by brute force with at least 1024 steps")
+    parser.add_argument("--stats", metavar="FILE.json", help="write times, plan, memory and warnings of every frame")
+    parser.add_argument("--cameraLight", action="store_true", help="add a light that shines along the view")
+    parser.add_argument(
+        "--disableCameraLight", action="store_true", help="accepted; there is no camera light by default"
+    )
+    parser.add_argument("--complexity", "-c", metavar="LEVEL", help="accepted; meshes are drawn as their control cage")
+    parser.add_argument(
+        "--enableDomeLightVisibility", action="store_true", help="show the dome light's colour as background"
+    )
+    add_setting_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Render; 0 when all frames were written, 1 when one could not be, 2 for wrong arguments."""
+    try:
+        settings = settings_from(arguments)
+        frames = parse_frames(arguments.frames) if arguments.frames else [None]
+        if len(frames) > 1 and not has_placeholder(arguments.output):
+            raise ValueError(f"{arguments.output}: {len(frames)} frames need a ### in the name for the frame number")
+    except ValueError as error:
+        print(f"previs record: {error}", file=sys.stderr)
+        return 2
+    check_format(arguments.output)
+    folder = Path(arguments.output).parent
+    if not folder.is_dir():
+        raise PrevisError(f"{arguments.output}: there is no folder {folder}")
+    from ..index import RenderIndex
+    from ..render.renderer import Renderer
+
+    said: set[str] = set()
+    records, failed = [], 0
+    with open_scene(arguments) as scene, Renderer() as renderer:
+        index = RenderIndex()
+        default_time = float("nan") if arguments.defaultTime else None
+        for number, frame in enumerate(frames):
+            output = arguments.output if frame is None else frame_path(arguments.output, frame)
+            try:
+                begin = clock.perf_counter()
+                time = frame if frame is not None else default_time
+                description = scene.describe(time)
+                camera, size = camera_and_size(arguments, scene, description, time)
+                if arguments.cameraLight:
+                    description = with_camera_light(description, camera)
+                index.update(description)
+                image = renderer.render(index, camera, size, settings, _progress(number, len(frames), frame))
+                if arguments.enableDomeLightVisibility:
+                    image = _over_dome(image, description)
+                image.save(output, exposure=arguments.exposure, color_correction=arguments.colorCorrectionMode)
+            except PrevisError as error:
+                _clear_line()
+                failed += 1
+                where = "" if frame is None else f"frame {frame:g}: "
+                print(f"previs record: {where}{error}", file=sys.stderr)
+                records.append({"frame": frame, "error": str(error)})
+                continue
+            _clear_line()
+            notes = list(image.stats["notes"]) + _light_notes(description)
+            for note in notes:
+                if note not in said:
+                    said.add(note)
+                    print(f"warning: {note}", file=sys.stderr)
+            seconds = clock.perf_counter() - begin
+            if frame is not None:
+                print(f"Recording time code: {frame:.4f}  {output}  {seconds:.2f} s", flush=True)
+            stats = {k: v for k, v in image.stats.items() if k != "notes"}
+            total = {
+                "frame": frame,
+                "file": output,
+                "total_seconds": seconds,
+                "camera": camera.path or "(frames the stage)",
+            }
+            records.append({**total, "size": list(size), "warnings": notes, **stats})
+    if arguments.stats:
+        write_text(Path(arguments.stats), json.dumps({"stage": arguments.stage, "frames": records}, indent=2) + "\n")
+    return 1 if failed else 0
+
+
+def _light_notes(description) -> list[str]:
+    """What an artist who looks at a black picture wants to be told."""
+    notes = []
+    if not description.volumes and not description.meshes:
+        notes.append("the stage has nothing to show: no volume and no mesh")
+    elif not any(max(light.radiance + light.strength) > 0.0 for light in description.lights.values()):
+        notes.append("the stage has no light, so nothing is lit; --cameraLight adds one")
+    return notes
+
+
+def _over_dome(image, description):
+    """The picture with the dome lights' colour behind it."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    radiance = np.sum(
+        [light.radiance for light in description.lights.values() if light.kind == "dome"] or [(0, 0, 0)], axis=0
+    )
+    transmittance = image.aovs.get("transmittance", np.ones_like(image.color))
+    open_sky = np.isinf(image.depth)[..., None] * transmittance
+    return replace(image, color=(image.color + open_sky * radiance).astype(np.float32))
+
+
+def _exposure(text: str) -> float | str:
+    if text == "auto":
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of stops or auto") from None
+
+
+def _progress(number: int, count: int, frame: float | None):
+    """A progress line on a terminal, for frames that take longer than a moment."""
+    if not sys.stderr.isatty():
+        return None
+    begin = clock.perf_counter()
+
+    def show(fraction: float) -> None:
+        if clock.perf_counter() - begin < 0.5 and count == 1:
+            return
+        done = (number + fraction) / count
+        bar = "#" * round(30 * done)
+        name = f" frame {frame:g}" if frame is not None else ""
+        print(f"\r[{bar:<30}] {100 * done:3.0f} %{name} ", end="", file=sys.stderr, flush=True)
+
+    return show
+
+
+def _clear_line() -> None:
+    if sys.stderr.isatty():
+        print("\r" + " " * 60 + "\r", end="", file=sys.stderr, flush=True)
