@@ -154,7 +154,7 @@ class StageReader:
                 continue
             if prim.IsA(UsdGeom.PointInstancer):
                 walk.PruneChildren()
-            if prim.IsA(UsdGeom.Imageable) or is_light(prim):
+            if _gives_something(prim):
                 yield prim
 
     def _composition_notes(self) -> Iterator[Note]:
@@ -206,6 +206,12 @@ class StageReader:
         notes.update(dict.fromkeys(_subdivision_notes(translations)))
         notes.update(dict.fromkeys(_large_light_notes(scene)))
         return replace(scene, notes=tuple(notes))
+
+
+def _gives_something(prim: Usd.Prim) -> bool:
+    """Whether a prim can give records or notes: groups, materials and fields cannot."""
+    kinds = (UsdGeom.Gprim, UsdVol.Volume, UsdGeom.PointInstancer, UsdGeom.Camera, UsdLux.LightFilter)
+    return any(prim.IsA(kind) for kind in kinds) or prim.GetTypeName() == "SkelRoot" or is_light(prim)
 
 
 def _translate_placed(prim: Usd.Prim, placement: Placement, context: Context, out: Translation) -> None:

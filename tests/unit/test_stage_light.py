@@ -76,7 +76,11 @@ def test_radiance(kind, body, radiance):
 def test_temperature_multiplies_the_colour():
     found = light(
         "SphereLight",
-        "color3f inputs:color = (1, 0.5, 0)\nbool inputs:enableColorTemperature = 1\nfloat inputs:colorTemperature = 3000",
+        """
+        color3f inputs:color = (1, 0.5, 0)
+        bool inputs:enableColorTemperature = 1
+        float inputs:colorTemperature = 3000
+        """,
     )
     assert found.radiance == pytest.approx(np.array((1, 0.5, 0)) * UsdLux.BlackbodyTemperatureAsRgb(3000.0), rel=1e-6)
 

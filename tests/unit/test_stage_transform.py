@@ -22,7 +22,10 @@ def test_shear_and_non_uniform_scale_are_kept():
 
 
 def test_reset_xform_stack():
-    inner = 'double3 xformOp:translate = (1, 0, 0)\nuniform token[] xformOpOrder = ["!resetXformStack!", "xformOp:translate"]'
+    inner = """
+        double3 xformOp:translate = (1, 0, 0)
+        uniform token[] xformOpOrder = ["!resetXformStack!", "xformOp:translate"]
+    """
     text = f'def Xform "A" {{ {MOVE % (5, 5, 5)} {CUBE % inner} }}'
     assert only(describe(text).meshes).local_to_world[0, 3, :3].tolist() == [1, 0, 0]
 
@@ -183,10 +186,9 @@ def test_nested_point_instancers():
 
 
 def test_native_instances_as_prototypes():
-    text = f"""
-class Xform "P" {{ {BOX % ""} }}
-{INSTANCER % ("</I/a>", "0, 0", "(1, 0, 0), (2, 0, 0)", f'def Xform "a" (inherits = </P>{chr(10)} instanceable = true) {{ {MOVE % (0, 3, 0)} }}')}
-"""
+    inside = f"""def Xform "a" (inherits = </P>
+    instanceable = true) {{ {MOVE % (0, 3, 0)} }}"""
+    text = f'class Xform "P" {{ {BOX % ""} }}' + INSTANCER % ("</I/a>", "0, 0", "(1, 0, 0), (2, 0, 0)", inside)
     assert [v.local_to_world[3, :2].tolist() for v in describe(text).volumes.values()] == [[1, 3], [2, 3]]
 
 
