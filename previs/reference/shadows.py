@@ -2,7 +2,7 @@
 
 Behind a dense homogeneous shape the light drops over a distance that no fixed set of nodes is sure to see. The surface
 that separates rays of light that meet the shape from those that pass it is swept by its outline, so it is
-known in advance: a quadratic for round shapes, the silhouette edges for boxes. A grid without background fades
+known in advance: a quadratic for round shapes, the edges for boxes. A grid without background fades
 over a voxel and needs none of this.
 """
 
@@ -51,7 +51,7 @@ def _box(
 ) -> np.ndarray:
     if np.any(lo == hi):
         return np.empty((len(origins), 0))
-    return SolidSet([box_triangles(lo, hi, to_world)]).shadow_breakpoints(light, origins, directions)
+    return SolidSet([box_triangles(lo, hi, to_world)]).shadow_breakpoints(light, origins, directions, all_edges=True)
 
 
 def _tangents(

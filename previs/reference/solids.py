@@ -146,39 +146,44 @@ class SolidSet:
             edges.append((a, b, thirds))
         return edges
 
-    def shadow_breakpoints(self, light: Light, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    def shadow_breakpoints(
+        self, light: Light, origins: np.ndarray, directions: np.ndarray, all_edges: bool = False
+    ) -> np.ndarray:
         """Distances (R, E) where rays cross the boundary of a shadow, NaN elsewhere.
 
         The boundary of a shadow is swept by the silhouette edges as seen from the light: edges of one triangle only,
-        and edges whose two triangles lie on the same side of the plane through edge and light.
+        and edges whose two triangles lie on the same side of the plane through edge and light. With `all_edges` the
+        others count too: behind them the light's way through a filled solid has a kink.
         """
         found = []
         if self.count == 0 or not light.casts_shadows:
             return np.empty((len(origins), 0))
         distant = isinstance(light, DistantLight)
         for a, b, thirds in self._edges:
-            # The second vector that spans the swept surface, x = base + λ·first + μ·second.
-            first, second = (b - a, light.direction) if distant else (a - light.position, b - light.position)
-            normal = np.cross(first, second)
-            size = np.linalg.norm(normal)
-            if size <= 1e-14 * np.linalg.norm(first) * np.linalg.norm(second):
+            # In the plane of edge and light: `along` the edge, and `outward` across it, away from the light.
+            length = np.linalg.norm(b - a)
+            ray = light.direction if distant else a - light.position
+            along = (b - a) / max(length, 1e-300)
+            outward = ray - (ray @ along) * along
+            if np.linalg.norm(outward) <= 1e-13 * np.linalg.norm(ray) or length == 0.0:
                 continue
-            normal /= size
-            if thirds is not None:
+            outward /= np.linalg.norm(outward)
+            normal = np.cross(along, outward)
+            if thirds is not None and not all_edges:
                 side = (thirds - a) @ normal
                 if side[0] * side[1] < -1e-18 * self.size**2:
                     continue
-            base = a if distant else light.position
+            slack = 1e-9 * self.size
             with np.errstate(divide="ignore", invalid="ignore"):
-                t = (base - origins) @ normal / (directions @ normal)
-                offset = origins + t[:, None] * directions - base
-                gram = np.array([[first @ first, first @ second], [first @ second, second @ second]])
-                along, beyond = np.linalg.solve(gram, np.stack([offset @ first, offset @ second]))
-                slack = 1e-9
-                if distant:
-                    crosses = (along >= -slack) & (along <= 1.0 + slack) & (beyond >= -slack)
-                else:
-                    crosses = (along >= -slack) & (beyond >= -slack) & (along + beyond >= 1.0 - slack)
+                t = (a - origins) @ normal / (directions @ normal)
+                offset = origins + t[:, None] * directions - a
+                across = offset @ outward
+                # Follow the light back from there to the line of the edge.
+                slope = (
+                    (offset + ray) @ along / (across + ray @ outward) if not distant else ray @ along / (ray @ outward)
+                )
+                foot = offset @ along - slope * across
+                crosses = (across >= -slack) & (foot >= -slack) & (foot <= length + slack)
                 if np.any(crosses):
                     found.append(np.where(crosses, t, np.nan))
         return np.stack(found, axis=-1) if found else np.empty((len(origins), 0))

@@ -446,6 +446,34 @@ def test_shadow_of_a_sheet_in_a_dense_medium(sigma):
     np.testing.assert_allclose(image.color[:, 1, 2], expected, rtol=1e-6)
 
 
+@pytest.mark.parametrize("shape", ["box", "sphere", "capsule"])
+@pytest.mark.parametrize("light", ["distant", "point"])
+def test_a_very_dense_volume_shadows_like_a_solid(shape, light):
+    """Lit lengths in the thin limit: in the plane z–x the cross-section of every shape's shadow is known."""
+    dense = {
+        "box": lambda: ref.HomogeneousBox((-0.5, 1.5, -0.4), (0.5, 1.6, 0.3)),
+        "sphere": lambda: ref.HomogeneousSphere(0.6, affine(np.eye(3), (0, 2, 0))),
+        "capsule": lambda: ref.HomogeneousCapsule(0.3, 0.8, "Z", affine(np.eye(3), (0, 2, 0))),
+    }[shape]()
+    # Straight down from so far away that the point light's rays are parallel, too.
+    far = 1e5
+    lamp = ref.DistantLight((0, -1, 0), 2.0) if light == "distant" else ref.PointLight((0, far, 0), 2.0 * far**2)
+    volumes = [
+        ref.Volume(ref.HomogeneousBox((-1, -1, -1), (1, 1, 1)), ref.Medium(1e-8, albedo=1.0)),
+        ref.Volume(dense, ref.Medium(1e9, albedo=0.0)),
+    ]
+    image = ref.render(ref.Scene(volumes, [lamp]), front(0.8, 0.01), 9, 1)
+    x = np.abs(-0.8 + 1.6 * (np.arange(9) + 0.5) / 9)
+    with np.errstate(invalid="ignore"):
+        dark = {
+            "box": np.where(x < 0.5, 0.7, 0.0),
+            "sphere": np.nan_to_num(2 * np.sqrt(0.36 - x**2)),
+            "capsule": np.where(x < 0.3, 0.8 + 2 * np.nan_to_num(np.sqrt(0.09 - x**2)), 0.0),
+        }[shape]
+    expected = 1e-8 * ISOTROPIC * 2.0 * (2 - dark)
+    np.testing.assert_allclose(image.color[0, :, 0], expected, rtol=1e-6 if light == "distant" else 1e-4)
+
+
 def test_shadow_breakpoints_find_what_dense_nodes_find():
     """A point light over a rotated box: visible lengths in the thin limit against a dense sum of visibility tests."""
     box = ref.box_triangles((-0.3, -0.2, -0.1), (0.2, 0.4, 0.3), affine(rotation((1, 2, 0), 35), (0.1, 0.8, 0.1)))
