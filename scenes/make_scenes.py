@@ -113,7 +113,7 @@ def pyroclastic() -> dict[str, list[vdb.Grid]]:
 
 def sandstorm() -> dict[str, list[vdb.Grid]]:
     """A wall of dust: the billowing head of a heavy current, thick at the foot, with a veil running ahead on the ground."""
-    voxel, lo, hi = 1.0, np.array([-84.0, -6.0, -76.0]), np.array([84.0, 65.0, 35.0])
+    voxel, lo, hi = 1.0, np.array([-84.0, -12.0, -76.0]), np.array([84.0, 65.0, 51.0])
     x, y, z = lattice(lo, hi, voxel)
     rng = np.random.default_rng(3)
     seeds = []
@@ -134,8 +134,8 @@ def sandstorm() -> dict[str, list[vdb.Grid]]:
     density *= (0.6 + 0.4 * smoothstep(55.0, 0.0, y)) * (0.8 + 0.35 * fbm(x * 0.06, y * 0.06, z * 0.06, seed=90))
     # The veil: streaks drawn out along the storm's way (z), hugging the ground in front of the wall.
     streaks = fbm(x * 0.11, y * 0.22, z * 0.035, seed=95, octaves=4)
-    ahead = smoothstep(30.0 - 0.004 * x**2, -12.0, z + 10.0 * streaks) * smoothstep(80.0, 52.0, np.abs(x))
-    veil = 0.4 * ahead * smoothstep(9.0, 0.0, y + 5.0 * streaks) * smoothstep(-0.35, 0.5, streaks)
+    ahead = smoothstep(46.0 - 0.006 * x**2, -8.0, z + 10.0 * streaks) * smoothstep(80.0, 52.0, np.abs(x))
+    veil = 0.35 * ahead * smoothstep(10.0, 0.0, y + 6.0 * streaks) * smoothstep(-0.35, 0.5, streaks)
     density = binomial(np.maximum(density, veil)) * edge_fade(x.shape)
     return {"sandstorm.vdb": [grid("density", density, voxel, lo, step=1.0 / 128.0, least=1)]}
 
