@@ -442,7 +442,8 @@ def mesh_world_bounds(mesh: Mesh) -> tuple[np.ndarray, np.ndarray] | None:
     if len(points) == 0 or len(mesh.local_to_world) == 0:
         return None
     corners = box_corners(points.min(axis=0), points.max(axis=0))
-    placed = np.concatenate([transform_points(corners, m) for m in mesh.local_to_world])
+    matrices = np.asarray(mesh.local_to_world, float)
+    placed = (corners @ matrices[:, :3, :3] + matrices[:, 3:, :3]).reshape(-1, 3)
     return placed.min(axis=0), placed.max(axis=0)
 
 

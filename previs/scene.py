@@ -552,7 +552,10 @@ class Scene:
         if not self._opened:
             raise ValueError("the scene was not opened from a file: save() writes all of it")
         with quiet_diagnostics():
-            self._export(self.stage.GetSessionLayer(), Path(path))
+            # The file may be the very session layer that the stage was opened with: its content and the edits become
+            # one layer.
+            edits = Usd.Stage.Open(self.stage.GetSessionLayer(), load=Usd.Stage.LoadNone)
+            self._export(UsdUtils.FlattenLayerStack(edits), Path(path))
 
     def close(self) -> None:
         """Release the stage and remove the temporary voxel files. Closing twice does nothing."""
@@ -704,13 +707,14 @@ class Scene:
         voxels: dict[str, str] = {}
 
         def relocate(asset_path: str) -> str:
-            if self._folder is not None and Path(asset_path).parent == Path(self._folder.name):
+            absolute = os.path.realpath(asset_path)
+            if self._folder is not None and os.path.dirname(absolute) == os.path.realpath(self._folder.name):
                 stem = Path(asset_path).name.rsplit("_", 1)[0]
-                name = voxels.get(asset_path) or _unique(f"{path.stem}_{stem}", set(voxels.values()))
-                voxels[asset_path] = name
-                return f"./{name}"
-            if os.path.isabs(asset_path):
-                return os.path.relpath(asset_path, folder)
+                voxels.setdefault(absolute, _unique(f"{path.stem}_{stem}", set(voxels.values())))
+                return f"./{voxels[absolute]}"
+            # In a layer without a folder a relative path is relative to the working folder.
+            if os.path.isabs(asset_path) or os.path.exists(asset_path):
+                return os.path.relpath(os.path.abspath(asset_path), folder)
             return asset_path
 
         UsdUtils.ModifyAssetPaths(copy, relocate)
@@ -719,12 +723,15 @@ class Scene:
                 for source, name in voxels.items():
                     vdb.write(os.path.join(beside, name), vdb.read(source))
                 written = os.path.join(beside, path.name)
-                # The file of a stage that is open refers to its layer by name: the export must not replace that.
                 if not copy.Export(written):
                     raise PrevisError(f"{path}: cannot be written")
                 for name in voxels.values():
                     os.replace(os.path.join(beside, name), folder / name)
                 os.replace(written, path)
+            loaded = Sdf.Layer.Find(str(path.absolute()))
+            if loaded is not None:
+                # USD hands out the layer in memory for as long as anybody holds it.
+                loaded.Reload(True)
         except OSError as error:
             raise PrevisError(f"{path}: cannot be written: {error.strerror or error}") from error
         except Tf.ErrorException as error:

@@ -34,7 +34,9 @@ def open_stage(
         root = _open_layer(name)
         session = Sdf.Layer.CreateAnonymous("session.usda")
         if session_layer is not None:
-            session.subLayerPaths.append(_open_layer(os.fspath(session_layer)).identifier)
+            layer = _open_layer(os.fspath(session_layer))
+            # The session layer is in no folder, so a relative path would mean another file later.
+            session.subLayerPaths.append(layer.realPath or layer.identifier)
         paths = [mask] if isinstance(mask, str) else list(mask or ())
         try:
             if paths:

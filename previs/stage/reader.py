@@ -68,6 +68,7 @@ class StageReader:
         self._translations: dict[Sdf.Path, Translation] = {}
         self._time: Usd.TimeCode | None = None
         self._stage_notes: list[Note] = []
+        self._scene: SceneDescription | None = None
 
     @property
     def pending(self) -> bool:
@@ -78,7 +79,7 @@ class StageReader:
         """Stop listening to the stage and drop everything read."""
         self._tracker.close()
         self._translations.clear()
-        self._prims = None
+        self._prims = self._scene = None
 
     def render_settings(self, path: str | None = None) -> RenderSettings | None:
         """The stage's RenderSettings, see `read_render_settings`."""
@@ -95,7 +96,9 @@ class StageReader:
             return self._read(_time_code(time))
 
     def _read(self, time: Usd.TimeCode) -> SceneDescription:
-        self._drop_stale(time)
+        if not self._drop_stale(time) and self._scene is not None:
+            return self._scene
+        self._scene = None
         context = Context(
             self.stage,
             time,
@@ -125,9 +128,11 @@ class StageReader:
         self._grids.end()
         scene = self._merge(translations)
         self._geometries.keep({m.geometry.key for m in scene.meshes.values()})
+        self._scene = scene
         return scene
 
-    def _drop_stale(self, time: Usd.TimeCode) -> None:
+    def _drop_stale(self, time: Usd.TimeCode) -> bool:
+        """Forget what the changes and the time make stale; whether there is anything to read."""
         changes = self._tracker.take()
         if changes:
             self._geometries.forget(changes)
@@ -139,7 +144,9 @@ class StageReader:
             dirty = list(changes.properties)
             for path in [p for p, out in self._translations.items() if out.stale(dirty)]:
                 del self._translations[path]
+        moved = bool(changes) or time != self._time
         self._time = time
+        return moved
 
     def _interesting_prims(self) -> Iterator[Usd.Prim]:
         """Prims that may give records, in the order of the stage; those under PointInstancers belong to them."""
@@ -261,7 +268,12 @@ def _subdivision_notes(translations: list[Translation]) -> list[Note]:
 
 
 def _large_light_notes(scene: SceneDescription) -> list[Note]:
-    bounds = scene.world_bounds()
+    lights = [
+        light
+        for light in scene.lights.values()
+        if light.kind == "sphere" and not light.treat_as_point and light.world_radius > 0.0
+    ]
+    bounds = scene.world_bounds() if lights else None
     if bounds is None:
         return []
     diagonal = float(np.linalg.norm(bounds[1] - bounds[0]))
@@ -272,11 +284,8 @@ def _large_light_notes(scene: SceneDescription) -> list[Note]:
             f"lights media from its centre; its radius {light.world_radius:.4g} is "
             f"{100.0 * light.world_radius / diagonal:.0f} % of the scene's diagonal",
         )
-        for light in scene.lights.values()
-        if light.kind == "sphere"
-        and not light.treat_as_point
-        and diagonal > 0.0
-        and light.world_radius > LARGE_LIGHT * diagonal
+        for light in lights
+        if diagonal > 0.0 and light.world_radius > LARGE_LIGHT * diagonal
     ]
 
 
