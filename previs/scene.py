@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -29,6 +30,7 @@ from .errors import PrevisError
 from .stage import StageReader, default_camera, find_camera, open_stage
 from .stage.context import Translation
 from .stage.diagnostics import quiet_diagnostics
+from .stage.field import GridCache, read_field
 from .stage.material import PREVIS_VOLUME, bound_material, is_volume_only, previs_volume_shader, read_medium
 from .stage.opening import FilePath
 from .stage.polygons import smooth_normals, triangulate
@@ -188,33 +190,40 @@ class Scene:
         The keywords of `set_medium` may follow. Raises ValueError for a wrong shape, type, path or medium value.
         """
         values = _medium_values(medium)
-        arrays = {"density": _voxels("density", density)}
-        for name, array in (("temperature", temperature), ("emission", emission)):
-            if array is not None:
-                arrays[name] = _voxels(name, array)
-                if arrays[name].shape != arrays["density"].shape:
-                    raise ValueError(
-                        f"{name} has the shape {arrays[name].shape}, density {arrays['density'].shape}: "
-                        "they must be equal"
-                    )
+        arrays = _field_arrays(density, temperature, emission)
         matrix = _index_transform(arrays["density"].shape, bounds, transform)
-        grids = [vdb.Grid.from_dense(name, array, matrix) for name, array in arrays.items()]
-        prim_path = self._new_path(path)
-        file = self._new_file(prim_path.name)
-        vdb.write(file, grids, compression="none")
-        volume = UsdVol.Volume.Define(self.stage, prim_path)
-        for name in arrays:
-            asset = UsdVol.OpenVDBAsset.Define(self.stage, prim_path.AppendChild(name))
-            asset.CreateFilePathAttr(Sdf.AssetPath(file))
-            asset.CreateFieldNameAttr(name)
-            asset.CreateFieldDataTypeAttr("float")
-            asset.CreateFieldClassAttr("fogVolume")
-            volume.CreateFieldRelationship(name, asset.GetPath())
-        corners = _grid_extent(arrays["density"].shape, matrix)
-        volume.CreateExtentAttr(Vt.Vec3fArray([Gf.Vec3f(*map(float, c)) for c in corners]))
+        volume = UsdVol.Volume.Define(self.stage, self._new_path(path))
+        self._author_voxels(volume, arrays, matrix)
         if values:
             self._author_medium(volume.GetPrim(), values, None)
-        return str(prim_path)
+        return str(volume.GetPath())
+
+    def set_voxels(
+        self,
+        path: str,
+        density: ArrayLike,
+        *,
+        bounds: tuple[Vector, Vector] | None = None,
+        transform: ArrayLike | None = None,
+        temperature: ArrayLike | None = None,
+        emission: ArrayLike | None = None,
+    ) -> None:
+        """Give a Volume other voxels, for all times, as a simulation does after every step.
+
+        The arrays, `bounds` and `transform` as for `add_volume`; with neither, the voxels take the place of the present
+        ones: the transform stays as it is. A field that is not given stays as it is too. Raises ValueError for a
+        wrong shape or type, `PrevisError` for a path without Volume, or whose present field cannot be read.
+        """
+        arrays = _field_arrays(density, temperature, emission)
+        prim = self._volume_prim(path)
+        if not prim.IsA(UsdVol.Volume):
+            raise PrevisError(f"{path}: is a homogeneous shape, which has no voxels")
+        volume = UsdVol.Volume(prim)
+        if transform is None and bounds is None and volume.HasFieldRelationship("density"):
+            asset = self.stage.GetPrimAtPath(volume.GetFieldPath("density"))
+            transform = read_field(asset, _time_code(None), GridCache(Counter()))[0].grid.index_to_world
+        matrix = _index_transform(arrays["density"].shape, bounds, transform)
+        self._author_voxels(volume, arrays, matrix)
 
     def add_box_medium(
         self,
@@ -619,6 +628,39 @@ class Scene:
     def _up(self) -> np.ndarray:
         return np.eye(3)[2 if UsdGeom.GetStageUpAxis(self.stage) == UsdGeom.Tokens.z else 1]
 
+    def _author_voxels(self, volume: UsdVol.Volume, arrays: Mapping[str, np.ndarray], matrix: np.ndarray) -> None:
+        """Write the arrays to a file and point the volume's fields to it."""
+        file = self._new_file(volume.GetPrim().GetName())
+        grids = [vdb.Grid.from_dense(name, array, matrix) for name, array in arrays.items()]
+        vdb.write(file, grids, compression="none")
+        for name in arrays:
+            if not volume.HasFieldRelationship(name):
+                volume.CreateFieldRelationship(name, volume.GetPath().AppendChild(name))
+            asset = UsdVol.OpenVDBAsset.Define(self.stage, volume.GetFieldPath(name))
+            before = asset.CreateFilePathAttr().Get()
+            _set_value(asset.GetFilePathAttr(), Sdf.AssetPath(file), None)
+            _set_value(asset.CreateFieldNameAttr(), name, None)
+            if asset.GetFieldIndexAttr().HasAuthoredValue():
+                _set_value(asset.GetFieldIndexAttr(), 0, None)
+            asset.CreateFieldDataTypeAttr("float")
+            asset.CreateFieldClassAttr("fogVolume")
+            if before is not None and self._owns(before.path) and not self._refers_to(volume, before.path):
+                os.remove(before.path)
+        corners = _grid_extent(arrays["density"].shape, matrix)
+        volume.CreateExtentAttr(Vt.Vec3fArray([Gf.Vec3f(*map(float, c)) for c in corners]))
+
+    def _owns(self, file: str) -> bool:
+        """Whether a file is one of the Scene's temporary ones."""
+        if self._folder is None or not os.path.isfile(file):
+            return False
+        return os.path.dirname(os.path.realpath(file)) == os.path.realpath(self._folder.name)
+
+    def _refers_to(self, volume: UsdVol.Volume, file: str) -> bool:
+        """Whether another field of the volume still uses a file."""
+        fields = (UsdVol.OpenVDBAsset(self.stage.GetPrimAtPath(p)) for p in volume.GetFieldPaths().values())
+        paths = (asset.GetFilePathAttr().Get() for asset in fields if asset)
+        return any(p is not None and p.path == file for p in paths)
+
     def _author_medium(self, prim: Usd.Prim, values: dict[str, Any], time: float | None) -> None:
         out = Translation(prim.GetPath())
         material = bound_material(prim, out)
@@ -708,7 +750,7 @@ class Scene:
 
         def relocate(asset_path: str) -> str:
             absolute = os.path.realpath(asset_path)
-            if self._folder is not None and os.path.dirname(absolute) == os.path.realpath(self._folder.name):
+            if self._owns(asset_path):
                 stem = Path(asset_path).name.rsplit("_", 1)[0]
                 voxels.setdefault(absolute, _unique(f"{path.stem}_{stem}", set(voxels.values())))
                 return f"./{voxels[absolute]}"
@@ -890,6 +932,20 @@ def _voxels(name: str, array: ArrayLike) -> np.ndarray:
     if voxels.dtype.kind not in "fiub":
         raise ValueError(f"{name} must hold real numbers, not {voxels.dtype}")
     return voxels
+
+
+def _field_arrays(
+    density: ArrayLike, temperature: ArrayLike | None, emission: ArrayLike | None
+) -> dict[str, np.ndarray]:
+    """The voxels by field name, checked."""
+    arrays = {"density": _voxels("density", density)}
+    for name, array in (("temperature", temperature), ("emission", emission)):
+        if array is not None:
+            arrays[name] = _voxels(name, array)
+            if arrays[name].shape != arrays["density"].shape:
+                shapes = f"{arrays[name].shape}, density {arrays['density'].shape}"
+                raise ValueError(f"{name} has the shape {shapes}: they must be equal")
+    return arrays
 
 
 def _box(bounds: tuple[Vector, Vector]) -> tuple[np.ndarray, np.ndarray]:

@@ -84,6 +84,9 @@ def read_light(prim: Usd.Prim, placement: Placement, context: Context, out: Tran
     casts_shadows = bool(attribute_value(prim, "inputs:shadow:enable", context.time, True))
     as_point = kind == "sphere" and bool(attribute_value(prim, "treatAsPoint", context.time, False))
     for k, matrix in enumerate(placement.matrices):
+        if not np.all(np.isfinite(matrix)):
+            out.note("ignored", prim, "its transform is not finite; it is left out")
+            continue
         radiance, strength = _reduce(kind, base, normalize, sizes, matrix)
         if kind != "dome" and not any(strength) and any(base):
             out.note("empty", prim, "has no size and is not normalised, so it emits nothing")

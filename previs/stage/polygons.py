@@ -103,9 +103,13 @@ def _clip_ears(polygon: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 def unit(vectors: np.ndarray) -> np.ndarray:
     """Vectors (N, 3) of unit length; +Y where there is no direction."""
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    safe = np.where(lengths > 0.0, vectors / np.where(lengths > 0.0, lengths, 1.0), (0.0, 1.0, 0.0))
-    return safe
+    lengths = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    nowhere = lengths <= 0.0
+    if not nowhere.any():
+        return vectors / lengths[:, None]
+    result = vectors / np.where(nowhere, 1.0, lengths)[:, None]
+    result[nowhere] = 0.0, 1.0, 0.0
+    return result
 
 
 def flat_normals(points: np.ndarray, triangles: np.ndarray, faces: np.ndarray, n_faces: int) -> np.ndarray:

@@ -35,6 +35,9 @@ from .volume import read_homogeneous_shape, read_volume
 #: A light whose radius is more than this part of the scene's diagonal is noted as reduced to its centre.
 LARGE_LIGHT = 0.05
 
+#: Names of the space that the pictures are made in: linear Rec.709.
+RENDERING_COLOR_SPACES = ("lin_rec709", "lin_rec709_scene", "lin_srgb")
+
 _MEDIUM_SHAPES = ("Cube", "Sphere", "Capsule")
 
 Time = float | Usd.TimeCode | None
@@ -112,7 +115,7 @@ class StageReader:
         self._grids.begin()
         if self._prims is None:
             self._prims = list(self._interesting_prims())
-            self._stage_notes = list(self._composition_notes())
+            self._stage_notes = [*self._composition_notes(), *self._color_space_notes()]
         translations = []
         for prim in self._prims:
             path = prim.GetPath()
@@ -169,6 +172,12 @@ class StageReader:
             site = getattr(error, "rootSite", None)
             path = str(site.path) if site is not None else "/"
             yield Note("missing", path, " ".join(str(error).split()))
+
+    def _color_space_notes(self) -> Iterator[Note]:
+        settings = read_render_settings(self.stage)
+        name = settings.color_space if settings else None
+        if name and name not in RENDERING_COLOR_SPACES:
+            yield Note("ignored", settings.path, f"renderingColorSpace {name}: colours are taken as linear Rec.709")
 
     def _translate(self, prim: Usd.Prim, context: Context) -> Translation:
         self.counters["prims"] += 1

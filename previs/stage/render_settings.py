@@ -11,11 +11,15 @@ from ..errors import PrevisError
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """What a RenderSettings prim says, as far as it is used. `camera` is a prim path; None where not authored."""
+    """What a RenderSettings prim says, as far as it is used; None where not authored.
+
+    `camera` is a prim path, `color_space` the `renderingColorSpace`.
+    """
 
     path: str
     camera: str | None = None
     resolution: tuple[int, int] | None = None
+    color_space: str | None = None
 
 
 def read_render_settings(stage: Usd.Stage, path: str | None = None) -> RenderSettings | None:
@@ -45,4 +49,5 @@ def read_render_settings(stage: Usd.Stage, path: str | None = None) -> RenderSet
         path=str(prim.GetPath()),
         camera=str(targets[0]) if targets else None,
         resolution=(int(size[0]), int(size[1])) if size is not None else None,
+        color_space=str(settings.GetRenderingColorSpaceAttr().Get() or "") or None,
     )

@@ -47,7 +47,7 @@ def _read_volume(prim: Usd.Prim, placement: Placement, context: Context, out: Tr
         if not _has_thickness(shape):
             out.note("empty", prim, "its extent has no thickness; the volume is left out")
             return
-        if material is not None:
+        if material is not None or UsdVol.Volume(prim).GetFieldPaths():
             out.note("approximated", prim, "has no density field: shown as a box of density 1 in its extent")
     else:
         density = _read_field(prim, density_name, names, context, out)
@@ -72,9 +72,6 @@ def read_homogeneous_shape(prim: Usd.Prim, placement: Placement, context: Contex
     """Translate a Cube, Sphere or Capsule whose material has a volume output and no surface output."""
     medium = read_medium(prim, bound_material(prim, out), context.time, out)
     shape = _gprim_shape(prim, context.time)
-    if shape is None:
-        out.note("ignored", prim, f"a medium in the shape of a {prim.GetTypeName()} is not modelled; it is left out")
-        return
     if not _has_thickness(shape):
         out.note("empty", prim, "has no thickness; it is left out")
         return
@@ -177,7 +174,7 @@ def _has_thickness(shape: Shape) -> bool:
     return bool(np.all(np.isfinite(lo)) and np.all(np.isfinite(hi)) and np.all(hi > lo))
 
 
-def _gprim_shape(prim: Usd.Prim, time: Usd.TimeCode) -> Shape | None:
+def _gprim_shape(prim: Usd.Prim, time: Usd.TimeCode) -> Shape:
     def size(name: str, default: float) -> float:
         return as_float(attribute_value(prim, name, time, default)) or 0.0
 
@@ -187,7 +184,5 @@ def _gprim_shape(prim: Usd.Prim, time: Usd.TimeCode) -> Shape | None:
         return Box((-half,) * 3, (half,) * 3)
     if kind == "Sphere":
         return Sphere(size("radius", 1.0))
-    if kind == "Capsule":
-        axis = str(attribute_value(prim, "axis", time, "Z"))
-        return Capsule(axis, max(size("height", 1.0), 0.0), size("radius", 0.5))
-    return None
+    axis = str(attribute_value(prim, "axis", time, "Z"))
+    return Capsule(axis, max(size("height", 1.0), 0.0), size("radius", 0.5))

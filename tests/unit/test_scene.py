@@ -69,6 +69,32 @@ def test_any_real_type(scene, dtype):
     assert dense(scene.describe().volumes["/v"].density).max() == 1.0
 
 
+def test_set_voxels_keeps_the_place_and_the_medium(scene):
+    scene.add_volume("/v", ramp(2, 2, 2), bounds=((0, 0, 0), (4, 4, 4)), temperature=ramp(2, 2, 2), albedo=0.25)
+    before = scene.describe().volumes["/v"]
+    scene.set_voxels("/v", 2 * ramp(2, 2, 2))
+    after = scene.describe().volumes["/v"]
+    assert np.array_equal(dense(after.density), 2 * ramp(2, 2, 2))
+    assert np.array_equal(after.density.index_to_local, before.density.index_to_local)
+    assert after.temperature.key == before.temperature.key
+    assert after.medium == before.medium
+
+
+def test_set_voxels_leaves_no_files_behind(scene):
+    scene.add_volume("/v", ramp(2, 2, 2))
+    for i in range(5):
+        scene.set_voxels("/v", ramp(2 + i, 2, 2), bounds=((0, 0, 0), (1, 1, 1)))
+        assert scene.describe().volumes["/v"].density.grid.active_count == 4 * (2 + i)
+    folder = os.path.dirname(scene.stage.GetAttributeAtPath("/v/density.filePath").Get().path)
+    assert len(os.listdir(folder)) == 1
+
+
+def test_set_voxels_of_what_has_none(scene):
+    scene.add_box_medium("/box")
+    with pytest.raises(PrevisError, match="no voxels"):
+        scene.set_voxels("/box", ramp(2, 2, 2))
+
+
 def test_homogeneous_shapes(scene):
     scene.add_box_medium("/box", ((0, 0, 0), (2, 4, 6)), albedo=0.5)
     scene.add_sphere_medium("/ball", 2.0, (5, 0, 0), scattering=1, absorption=3)

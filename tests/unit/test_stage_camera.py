@@ -125,3 +125,9 @@ def test_render_settings_that_are_none():
     assert read_render_settings(stage_of("")) is None
     with pytest.raises(PrevisError, match="/a"):
         read_render_settings(stage_of('def Camera "a" {}'), "/a")
+
+
+@pytest.mark.parametrize(("name", "reported"), [("lin_rec709", False), ("acescg", True)])
+def test_another_rendering_color_space_is_reported(name, reported):
+    text = 'def RenderSettings "s" { uniform token renderingColorSpace = "%s" }' % name  # noqa: UP031
+    assert bool(describe(text).notes) is reported

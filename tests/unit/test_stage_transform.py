@@ -192,6 +192,22 @@ def test_native_instances_as_prototypes():
     assert [v.local_to_world[3, :2].tolist() for v in describe(text).volumes.values()] == [[1, 3], [2, 3]]
 
 
+def test_point_instancers_inside_native_instances():
+    inner = INSTANCER % ("</P/I/V>", "0, 0", "(1, 0, 0), (2, 0, 0)", BOX % "")
+    text = f"""
+def Xform "P" (active = true) {{ {inner} }}
+def Xform "a" (references = </P>
+    instanceable = true) {{ {MOVE % (0, 5, 0)} }}
+"""
+    found = {p: tuple(v.local_to_world[3, :2]) for p, v in describe(text).volumes.items()}
+    assert found == {
+        "/P/I/V[0]": (1.0, 0.0),
+        "/P/I/V[1]": (2.0, 0.0),
+        "/a/I/V[0]": (1.0, 5.0),
+        "/a/I/V[1]": (2.0, 5.0),
+    }
+
+
 def test_hidden_parts_of_prototypes():
     inside = f'def Xform "A" {{ def Xform "H" {{ token visibility = "invisible"\n {CUBE % ""} }} {BOX % ""} }}'
     scene = describe(INSTANCER % ("</I/A>", "0", "(1, 0, 0)", inside))
