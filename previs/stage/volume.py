@@ -14,7 +14,7 @@ from ..description import Box, Capsule, Field, Medium, Note, Shape, Sphere, Volu
 from ..errors import PrevisError
 from .context import Context, Placement, Translation
 from .field import LoadedGrid, read_field
-from .material import bound_material, read_medium
+from .material import bound_material, previs_volume_shader, read_medium
 from .values import as_float, attribute_value, numpy_matrix
 
 #: The fields that a volume uses, by the names of their relationships.
@@ -47,7 +47,9 @@ def _read_volume(prim: Usd.Prim, placement: Placement, context: Context, out: Tr
         if not _has_thickness(shape):
             out.note("empty", prim, "its extent has no thickness; the volume is left out")
             return
-        if material is not None or UsdVol.Volume(prim).GetFieldPaths():
+        # A box is what a PrevisVolume without fields is; another shader may shape the density itself.
+        foreign = material is not None and previs_volume_shader(material, out) is None
+        if foreign or UsdVol.Volume(prim).GetFieldPaths():
             out.note("approximated", prim, "has no density field: shown as a box of density 1 in its extent")
     else:
         density = _read_field(prim, density_name, names, context, out)

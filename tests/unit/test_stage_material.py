@@ -118,6 +118,12 @@ def test_binding_purposes(purpose):
     assert only(scene.volumes).medium.density_scale == 2.0
 
 
+def test_a_box_is_worth_a_note_only_under_a_foreign_shader():
+    assert not describe(BOX % "" + PREVIS_VOLUME % "").notes
+    foreign = describe(BOX % "" + (PREVIS_VOLUME % "").replace("PrevisVolume", "PxrVolume"))
+    assert any("box" in n.message and n.path == "/V" for n in foreign.notes)
+
+
 @pytest.mark.parametrize("context", ["arnold", "ri", "kma", "karma", "mtlx"])
 def test_render_context_outputs(context):
     text = PREVIS_VOLUME.replace("outputs:volume", f"outputs:{context}:volume") % "float inputs:density_scale = 2"
