@@ -70,7 +70,8 @@ class SmokeSolver:
         f = [np.fft.rfftn(self.state[..., a]) for a in range(3)]
         pressure = sum(k * c for k, c in zip(self._k, f, strict=True)) * self._inverse_k2
         for a in range(3):
-            self.state[..., a] = np.fft.irfftn((f[a] - self._k[a] * pressure) * self._filter, s=self.shape, axes=(0, 1, 2))
+            solenoidal = (f[a] - self._k[a] * pressure) * self._filter
+            self.state[..., a] = np.fft.irfftn(solenoidal, s=self.shape, axes=(0, 1, 2))
 
     def _advect(self) -> None:
         # Nothing happens far above the smoke: only the slab that it has reached is moved.
@@ -84,7 +85,7 @@ class SmokeSolver:
         self.state[:, :top] = np.clip(ahead, low, high)
 
     def _lookup(self, values: np.ndarray, displacement: np.ndarray, limits: bool):
-        """Trilinear `values` at every voxel + displacement; with `limits`, also the range of the eight voxels around."""
+        """Trilinear `values` at every voxel + displacement; with `limits`, also the range of the 8 voxels around."""
         nx, ny, nz, channels = values.shape
         flat = values.reshape(-1, channels)
         out = np.empty_like(values)

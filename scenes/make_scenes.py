@@ -2,12 +2,12 @@
 
     python scenes/make_scenes.py [--output DIR] [NAME …]
 
-Without names, all of them. The .usda files beside this script are written by hand; this script makes the grids that they
-refer to. Every grid comes out the same on every run: all randomness is seeded. NumPy only.
+Without names, all of them. The .usda files beside this script are written by hand; this script makes the grids that
+they refer to. Every grid comes out the same on every run: all randomness is seeded. NumPy only.
 
-What all grids have in common: densities between 0 and 1, the strength is in the materials; values are multiples of
-1/256 (of 8 K for temperatures) and faint ones are dropped, so that the files stay small; nothing varies faster than about
-two voxels, so that trilinear lookups look smooth; the outermost layers are empty, so that nothing ends at the box.
+What all grids have in common: densities between 0 and 1, the strength is in the materials; values are rounded and faint
+ones are dropped, so that the files stay small; nothing varies faster than about two voxels, so that trilinear lookups
+look smooth; the outermost layers are empty, so that nothing ends at the box.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent.parent)]
 
-from flow import SmokeSolver
-from noise import (
+# The imports need the path above: this script also runs in a clone where previs is not installed.
+from flow import SmokeSolver  # noqa: E402
+from noise import (  # noqa: E402
     binomial,
     edge_fade,
     fbm,
@@ -35,23 +36,30 @@ from noise import (
     warp,
 )
 
-from previs import vdb
+from previs import vdb  # noqa: E402
 
 DIRECTORY = Path(__file__).resolve().parent
 
 
-def quantised(values: np.ndarray, step: float, least: int) -> np.ndarray:
+def quantised(values: np.ndarray, step: float = 1.0 / 256.0, least: int = 2) -> np.ndarray:
     """`values` rounded to multiples of `step`; below `least` steps, 0."""
     n = np.rint(np.maximum(values, 0.0) / step)
     n[n < least] = 0.0
     return (n * step).astype(np.float32)
 
 
-def grid(name: str, values: np.ndarray, voxel: float, corner, step: float = 1.0 / 256.0, least: int = 2) -> vdb.Grid:
+def rounded(values: np.ndarray, least: float, bits: int = 6) -> np.ndarray:
+    """`values` rounded to `bits` significant bits; below `least`, 0. For fields whose faint end matters."""
+    mantissa, exponent = np.frexp(np.maximum(values, 0.0))
+    values = np.ldexp(np.rint(mantissa * 2.0**bits) / 2.0**bits, exponent)
+    return np.where(values < least, 0.0, values).astype(np.float32)
+
+
+def grid(name: str, values: np.ndarray, voxel: float, corner) -> vdb.Grid:
     """A grid of cubic voxels whose value [0, 0, 0] sits at `corner`, in stage units."""
     transform = np.diag([voxel, voxel, voxel, 1.0])
     transform[3, :3] = corner
-    return vdb.Grid.from_dense(name, quantised(values, step, least), transform)
+    return vdb.Grid.from_dense(name, values, transform)
 
 
 def gaussian_blur(values: np.ndarray, sigma: float) -> np.ndarray:
@@ -75,7 +83,7 @@ def plume() -> dict[str, list[vdb.Grid]]:
     x, z = x - foot[0], z - foot[2]
     distance = np.sqrt(x * x + z * z + ((y - 0.55 * radius - 4.0) * 1.3) ** 2)
     for n in range(124):
-        # Flames lick: the outline and the strength of the source change all the time, or the column would be a laminar tube.
+        # Flames lick: the source's outline and strength change all the time, or the column would be a laminar tube.
         lick = gradient_noise(x / 4.1 + 0.05 * n, y / 4.1 - 0.11 * n, z / 4.1 + 3.0, seed=1)
         source = smoothstep(1.1, 0.6, distance / radius + 0.35 * lick)
         pulse = 1.0 + 0.35 * np.sin(0.37 * n) + 0.2 * np.sin(0.15 * n + 1.0)
@@ -83,7 +91,8 @@ def plume() -> dict[str, list[vdb.Grid]]:
             np.maximum(field[:, :height], source * strength, out=field[:, :height])
         solver.step()
     density = binomial(solver.density()) * edge_fade(shape)
-    return {"plume.vdb": [grid("density", density, voxel, [-foot[0] * voxel, -3.0 * voxel, -foot[2] * voxel])]}
+    corner = -voxel * np.array([foot[0], 3.0, foot[2]])
+    return {"plume.vdb": [grid("density", quantised(density), voxel, corner)]}
 
 
 def pyroclastic() -> dict[str, list[vdb.Grid]]:
@@ -95,9 +104,10 @@ def pyroclastic() -> dict[str, list[vdb.Grid]]:
     warped = warp(x, y, z, seed=20, frequency=3.0, amount=0.05)
     distance = spheres_distance(*warped, spheres, lo, voxel, reach=0.12)
     distance += 0.03 * fbm(x * 9.0, y * 9.0, z * 9.0, seed=40, octaves=3)
-    # The ash is thinner in its outermost skin; four voxels later it is as dense as anywhere.
-    density = smoothstep(0.5 * voxel, -4.0 * voxel, distance) * (0.85 + 0.15 * fbm(x * 4.0, y * 4.0, z * 4.0, seed=50))
-    density = binomial(density) * edge_fade(x.shape)
+    # Towards the outside the ash thins out by e every 0.7 voxels. In a medium as strong as this one a grazing ray sees
+    # densities of a hundredth; if they rose from 0 within one voxel, the outline would be a staircase.
+    skin = 1.0 / (1.0 + np.exp(distance / (0.7 * voxel) + 3.5))
+    density = skin * (0.9 + 0.1 * fbm(x * 4.0, y * 4.0, z * 4.0, seed=50)) * edge_fade(x.shape)
     # How much ash surrounds a point within a tenth of the radius: 1 inside, 1/2 at a plane surface, more in a cleft.
     depth = gaussian_blur((distance < 0.0).astype(np.float32), 5.0)
     patches = smoothstep(-0.25, 0.35, fbm(x * 1.6, y * 1.6, z * 1.6, seed=60, octaves=3))
@@ -105,25 +115,28 @@ def pyroclastic() -> dict[str, list[vdb.Grid]]:
     temperature = 1900.0 * binomial(heat) * edge_fade(x.shape)
     return {
         "pyroclastic.vdb": [
-            grid("density", density, voxel, lo),
-            grid("temperature", temperature, voxel, lo, step=8.0, least=12),
+            grid("density", rounded(density, least=0.001), voxel, lo),
+            grid("temperature", quantised(temperature, step=8.0, least=12), voxel, lo),
         ]
     }
 
 
 def sandstorm() -> dict[str, list[vdb.Grid]]:
-    """A wall of dust: the billowing head of a heavy current, thick at the foot, with a veil running ahead on the ground."""
+    """A wall of dust: the billowing head of a heavy current, with a veil running ahead of it on the ground."""
     voxel, lo, hi = 1.0, np.array([-84.0, -12.0, -76.0]), np.array([84.0, 65.0, 51.0])
     x, y, z = lattice(lo, hi, voxel)
     rng = np.random.default_rng(3)
     seeds = []
-    for row, (back, base, size) in enumerate([(0.0, 6.0, 15.0), (9.0, 20.0, 16.0), (26.0, 30.0, 17.0), (38.0, 14.0, 22.0)]):
+    # Rows of spheres, from the foot of the front to the back: how far back, how high, how big.
+    rows = [(0.0, 6.0, 15.0), (9.0, 20.0, 16.0), (26.0, 30.0, 17.0), (38.0, 14.0, 22.0)]
+    for row, (back, base, size) in enumerate(rows):
         for across in np.arange(-60.0 + 4.0 * row, 61.0 - 4.0 * row, 13.0):
             # The front is an arc with lobes and clefts; towards the ends it falls back and is lower.
             end = abs(across) / 66.0
             arc = 20.0 * end**2 + 7.0 * np.sin(across * 0.11 + 1.0)
             r = size * (1.0 - 0.45 * end**2) * rng.uniform(0.75, 1.15)
-            seeds.append((across + rng.uniform(-4, 4), base * (1.0 - 0.5 * end**2) + rng.uniform(-3, 4), -back - arc, r))
+            height = base * (1.0 - 0.5 * end**2) + rng.uniform(-3, 4)
+            seeds.append((across + rng.uniform(-4, 4), height, -back - arc, r))
     levels = sphere_cluster(seeds, [(0.4, 1.15), (0.42, 1.1), (0.45, 1.3)], seed=5, keep=lambda p: p[:, 1] > -4.0)
     warped = warp(x, y, z, seed=70, frequency=0.05, amount=3.5)
     distance = spheres_distance(*warped, np.concatenate(levels), lo, voxel, reach=12.0)
@@ -137,14 +150,14 @@ def sandstorm() -> dict[str, list[vdb.Grid]]:
     ahead = smoothstep(46.0 - 0.006 * x**2, -8.0, z + 10.0 * streaks) * smoothstep(80.0, 52.0, np.abs(x))
     veil = 0.35 * ahead * smoothstep(10.0, 0.0, y + 6.0 * streaks) * smoothstep(-0.35, 0.5, streaks)
     density = binomial(np.maximum(density, veil)) * edge_fade(x.shape)
-    return {"sandstorm.vdb": [grid("density", density, voxel, lo, step=1.0 / 128.0, least=1)]}
+    return {"sandstorm.vdb": [grid("density", quantised(density, step=1.0 / 128.0, least=1), voxel, lo)]}
 
 
 def cloud() -> dict[str, list[vdb.Grid]]:
     """A fair-weather cumulus: towers of spheres over a flat base, frayed where the air dries it."""
     voxel, lo, hi = 4.0, np.array([-320.0, -40.0, -216.0]), np.array([316.0, 376.0, 212.0])
     x, y, z = lattice(lo, hi, voxel)
-    # A broad low base; a tall tower right of the middle with a head wider than its neck, a second one behind to the left.
+    # A broad low base; a tall tower right of the middle, its head wider than its neck; a lower one to the left.
     towers = [
         (-215, 22, 0, 46),
         (-150, 40, 20, 62),
@@ -175,7 +188,7 @@ def cloud() -> dict[str, list[vdb.Grid]]:
     # Water content grows with the height above the base.
     density *= 0.5 + 0.5 * smoothstep(0.0, 220.0, y)
     density = binomial(density) * edge_fade(x.shape)
-    return {"cloud.vdb": [grid("density", density, voxel, lo)]}
+    return {"cloud.vdb": [grid("density", quantised(density), voxel, lo)]}
 
 
 def duo() -> dict[str, list[vdb.Grid]]:
@@ -200,7 +213,7 @@ def duo() -> dict[str, list[vdb.Grid]]:
     corner = [-0.5 * voxel * shape[0], 0.0, -0.5 * voxel * shape[2]]
     fade = edge_fade(shape)
     return {
-        f"duo_{name}.vdb": [grid("density", binomial(solver.density(i)) * fade, voxel, corner)]
+        f"duo_{name}.vdb": [grid("density", quantised(binomial(solver.density(i)) * fade), voxel, corner)]
         for i, name in enumerate(("cool", "warm"))
     }
 

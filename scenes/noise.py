@@ -13,7 +13,8 @@ def smoothstep(a: float, b: float, x: np.ndarray) -> np.ndarray:
 
 def lattice(lo, hi, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coordinates X, Y, Z (each [x, y, z], float32) of points `spacing` apart that cover the box from `lo` to `hi`."""
-    axes = [np.arange(round((b - a) / spacing) + 1, dtype=np.float32) * spacing + a for a, b in zip(lo, hi, strict=True)]
+    counts = [round((b - a) / spacing) + 1 for a, b in zip(lo, hi, strict=True)]
+    axes = [np.arange(n, dtype=np.float32) * spacing + a for n, a in zip(counts, lo, strict=True)]
     return tuple(a.astype(np.float32) for a in np.meshgrid(*axes, indexing="ij"))
 
 
@@ -49,7 +50,7 @@ def gradient_noise(x: np.ndarray, y: np.ndarray, z: np.ndarray, seed: int) -> np
 
 
 def fbm(x, y, z, seed: int, octaves: int = 4, gain: float = 0.5, billow: bool = False) -> np.ndarray:
-    """Fractal sum of gradient noise, about −1…1; `billow` sums |noise| instead: round tops, sharp valleys, about 0…1."""
+    """Fractal sum of gradient noise, about −1…1; `billow` sums |noise| instead: round tops, sharp valleys, 0…1."""
     total, amplitude, weight, frequency = 0.0, 1.0, 0.0, 1.0
     for octave in range(octaves):
         shift = 11.3 * octave  # so that the zeros of the octaves do not coincide at the origin
@@ -109,8 +110,8 @@ def sphere_cluster(
 def spheres_distance(x, y, z, spheres: np.ndarray, lo, spacing: float, reach: float) -> np.ndarray:
     """Signed distance to a union of spheres, negative inside, at most `reach`.
 
-    The points x, y, z may be warped; `lo` and `spacing` say where the unwarped lattice sits. Every sphere is drawn into its
-    own box of the lattice only, widened by `reach`, which must cover the warp too.
+    The points x, y, z may be warped; `lo` and `spacing` say where the unwarped lattice sits. Every sphere is drawn into
+    its own box of the lattice only, widened by `reach`, which must cover the warp too.
     """
     out = np.full(x.shape, reach, np.float32)
     lo = np.asarray(lo, float)
