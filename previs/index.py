@@ -6,10 +6,13 @@ made from and run again only when one of them moved, so nobody has to be called 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 
 from .description import Camera, Light, Mesh, Note, SceneDescription, Volume
+
+_counter = itertools.count(1)
 
 Record = Volume | Light | Mesh
 
@@ -27,7 +30,8 @@ class Entry:
 class RenderIndex:
     """Volumes, lights and meshes by path; `update` takes in a description and moves the versions that changed.
 
-    Versions come from one counter, so a version number never returns for another content.
+    Versions come from one counter of the process, so a version number never returns for another content, not even in
+    another index.
     """
 
     volumes: dict[str, Entry] = field(default_factory=dict)
@@ -35,7 +39,6 @@ class RenderIndex:
     meshes: dict[str, Entry] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
     scene: SceneDescription = field(default_factory=SceneDescription)
-    _counter: int = 0
 
     def update(self, scene: SceneDescription) -> None:
         """Take in a description: records that are gone leave, new ones enter, changed parts get new versions."""
@@ -63,9 +66,9 @@ class RenderIndex:
             entries.clear()
             entries.update(ordered)
 
-    def _next(self) -> int:
-        self._counter += 1
-        return self._counter
+    @staticmethod
+    def _next() -> int:
+        return next(_counter)
 
 
 def camera_key(camera: Camera) -> Hashable:

@@ -26,6 +26,18 @@ uniform vec3 ambient;
 uniform float opacity_cutoff;
 uniform bool first_batch;
 
+// A long march is drawn in slices of its steps: each takes up the state that the one before it left.
+uniform int slice_begin;  // steps of the ray, counted from its first
+uniform int slice_end;
+#if RESUMES
+uniform bool first_slice;
+uniform sampler2D previous_scattered;
+uniform sampler2D previous_transmittance;
+#if HAS_EMISSION
+uniform sampler2D previous_emission;
+#endif
+#endif
+
 Ray ray;
 vec3 transmittance = vec3(1.0);
 vec3 scattered = vec3(0.0);
@@ -146,9 +158,25 @@ void main() {
             end = max(end, span.y);
         }
     }
+#if RESUMES
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    if (!(first_batch && first_slice)) {
+        scattered = texelFetch(previous_scattered, pixel, 0).rgb;
+#if HAS_EMISSION
+        emitted = texelFetch(previous_emission, pixel, 0).rgb;
+#endif
+    }
+    // Every batch of lights marches from the front again.
+    if (!first_slice) transmittance = texelFetch(previous_transmittance, pixel, 0).rgb;
+#endif
     bool inside[VOLUME_COUNT];
+    int taken = 0;  // steps before the segment
     // Between two neighbouring bounds the same volumes are marched through.
-    for (int segment = 0; segment < 2 * VOLUME_COUNT && cursor < end; ++segment) {
+    for (int segment = 0; segment < 2 * VOLUME_COUNT && cursor < end && taken < slice_end; ++segment) {
+        if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) {
+            transmittance = vec3(0.0);
+            break;
+        }
         float next = end;
         float length_of_step = 1e30;
         bool any_inside = false;
@@ -163,47 +191,46 @@ void main() {
             }
         }
         if (any_inside) {
-            float begin = cursor;
-            float stop = next;
 #if PROJECTIVE_STEPS
             // Uniform steps in the projection of the only spot [TFM11 section 4.2], inside its cone; what lies before and
-            // behind the cone is not lit and takes one step.
+            // behind the cone is not lit and takes one step each.
             vec2 cone = cone_interval(cursor, next);
-            if (cone.x < cone.y) {
-                if (cone.x > cursor) march_step(cursor, cone.x, inside, false);
-                begin = cone.x;
-                stop = cone.y;
-            }
             bool lit = cone.x < cone.y;
+            if (!lit) cone = vec2(cursor);
             vec4 row = vec4(lights[0].shadow_matrix[0][0].w, lights[0].shadow_matrix[0][1].w,
                             lights[0].shadow_matrix[0][2].w, lights[0].shadow_matrix[0][3].w);
-            float w0 = dot(row, vec4(ray.anchor + begin * ray.direction, 1.0));
-            float w1 = dot(row, vec4(ray.anchor + stop * ray.direction, 1.0));
-            int count = lit ? max(int(ceil((stop - begin) / length_of_step)), PROJECTIVE_MINIMUM) : 1;
-            float previous = begin;
-            for (int n = 1; n <= count; ++n) {
-                float f = float(n) / float(count);
-                float s = n == count ? stop : begin + (stop - begin) * f * w0 / (f * w0 + (1.0 - f) * w1);
-                march_step(previous, s, inside, lit);
-                previous = s;
-                if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) break;
-            }
-            if (stop < next) march_step(stop, next, inside, false);
+            float w0 = dot(row, vec4(ray.anchor + cone.x * ray.direction, 1.0));
+            float w1 = dot(row, vec4(ray.anchor + cone.y * ray.direction, 1.0));
+            int inner = lit ? max(int(ceil((cone.y - cone.x) / length_of_step)), PROJECTIVE_MINIMUM) : 0;
+            int count = inner + 2;
 #else
-            int count = int(ceil((stop - begin) / length_of_step));
-            float h = (stop - begin) / float(count);
-            for (int n = 0; n < count; ++n) {
-                march_step(begin + float(n) * h, begin + float(n + 1) * h, inside, true);
+            int count = int(ceil((next - cursor) / length_of_step));
+            float h = (next - cursor) / float(count);
+#endif
+            for (int n = max(slice_begin - taken, 0); n < min(slice_end - taken, count); ++n) {
+#if PROJECTIVE_STEPS
+                if (n == 0 || n == count - 1) {
+                    float s0 = n == 0 ? cursor : cone.y;
+                    float s1 = n == 0 ? cone.x : next;
+                    if (s1 > s0) march_step(s0, s1, inside, false);
+                } else {
+                    float f0 = float(n - 1) / float(inner);
+                    float f1 = float(n) / float(inner);
+                    float span = cone.y - cone.x;
+                    float s0 = cone.x + span * f0 * w0 / (f0 * w0 + (1.0 - f0) * w1);
+                    float s1 = cone.x + span * f1 * w0 / (f1 * w0 + (1.0 - f1) * w1);
+                    march_step(s0, s1, inside, true);
+                }
+#else
+                march_step(cursor + float(n) * h, cursor + float(n + 1) * h, inside, true);
+#endif
                 if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) break;
             }
-#endif
-        }
-        if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) {
-            transmittance = vec3(0.0);
-            break;
+            taken += count;
         }
         cursor = next;
     }
+    if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) transmittance = vec3(0.0);
     out_scattered = vec4(scattered, 1.0);
     out_transmittance = vec4(transmittance, 1.0);
 #if HAS_EMISSION

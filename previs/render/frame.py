@@ -31,6 +31,9 @@ UNITS = {
     "temperature_atlas": 12,
     "emission_atlas": 13,
     "blackbody_table": 14,
+    "previous_scattered": 9,
+    "previous_transmittance": 10,
+    "previous_emission": 11,
     "march_scattered": 0,
     "march_transmittance": 1,
     "march_emission": 2,
@@ -47,9 +50,12 @@ class Frame:
     `progress` is called with a fraction in [0, 1] during passes that can be long; it may raise to stop the frame.
     """
 
-    def __init__(self, context: moderngl.Context) -> None:
+    def __init__(self, context: moderngl.Context, texture_limit: int) -> None:
         self.context = context
-        self.shaders = ShaderCache(context)
+        self.texture_limit = texture_limit
+        # moderngl binds the last used framebuffer again after making one, and must not find it released.
+        self._idle = context.simple_framebuffer((1, 1))
+        self.shaders = ShaderCache(context, UNITS)
         self.density = FieldAtlas(context, 1)
         self.temperature = FieldAtlas(context, 1)
         self.emission = FieldAtlas(context, 4)
@@ -82,12 +88,11 @@ class Frame:
         vertex_array.render(moderngl.TRIANGLES, vertices=3)
         vertex_array.release()
 
-    def bind(self, program: Program, **textures: moderngl.Texture | moderngl.Texture3D | None) -> None:
+    def bind(self, **textures: moderngl.Texture | moderngl.Texture3D | None) -> None:
         """Bind textures to the units of the samplers of that name."""
         for name, texture in textures.items():
             if texture is not None:
                 texture.use(UNITS[name])
-                program.set(**{name: UNITS[name]})
 
     def bind_camera(self, program: Program) -> None:
         """Set the uniforms of camera.glsl."""
@@ -107,11 +112,11 @@ class Frame:
             weighting = density_weighting(plan.volumes, plan.settings)
             self._block(program, "LightMaps", uniforms.pack_light_maps(plan, batch, weighting))
             layers = {f"map_coefficients{i}": t for i, t in enumerate(self.maps.coefficients)}
-            self.bind(program, map_range=self.maps.range, **layers)
+            self.bind(map_range=self.maps.range, **layers)
             program.set(map_size=float(plan.map_size))
-        self.bind(program, density_atlas=self.density.texture)
+        self.bind(density_atlas=self.density.texture)
         if plan.shadow_tiles:
-            self.bind(program, shadow_atlas=self.shadows.texture)
+            self.bind(shadow_atlas=self.shadows.texture)
             program.set(shadow_tiling=self.shadows.tiling(plan))
         program.set(light_count=len(batch), ambient=plan.ambient, first_batch=batch.start == 0)
 
@@ -125,7 +130,6 @@ class Frame:
             self._blackbody = self.context.texture((len(table), 1), 3, table.tobytes(), dtype="f4")
             self._blackbody.repeat_x = self._blackbody.repeat_y = False
         self.bind(
-            program,
             temperature_atlas=self.temperature.texture,
             emission_atlas=self.emission.texture,
             blackbody_table=self._blackbody,
@@ -149,8 +153,13 @@ class Frame:
         if self.progress is not None:
             self.progress(fraction)
 
+    def rest(self) -> None:
+        """Leave no framebuffer bound that may be released."""
+        self._idle.use()
+
     def release_scene(self) -> None:
         """Free what belongs to a scene."""
+        self.rest()
         for store in (
             self.density,
             self.temperature,
@@ -172,3 +181,4 @@ class Frame:
         if self._blackbody is not None:
             self._blackbody.release()
         self._blackbody = None
+        self._idle.release()

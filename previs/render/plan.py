@@ -39,6 +39,9 @@ MAX_LIGHTS_PER_BATCH = 64
 #: Pairs of light and volume whose map parameters fit a uniform block of 64 KiB.
 MAX_PAIRS_PER_BATCH = 512
 MAX_ATLAS_SIZE = 16384
+#: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
+#: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
+LOOP_BUDGET = 50_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +103,7 @@ class Plan:
     map_size: int
     shadow_tiles: int
     batches: tuple[range, ...]
+    slices: tuple[range, ...]
     defines: Mapping[str, Any]
     passes: tuple[PlannedPass, ...]
     notes: tuple[Note, ...] = field(default=())
@@ -265,8 +269,7 @@ def make_plan(
             (*(("surface",) if meshes else ()), *(("march",) if records else ())),
         )
     )
-    per_batch = max(1, min(MAX_LIGHTS_PER_BATCH, MAX_PAIRS_PER_BATCH // max(len(records), 1)))
-    batches = tuple(range(i, min(i + per_batch, len(lights))) for i in range(0, len(lights), per_batch))
+    batches, slices = _draws(len(records), len(lights), settings)
     return Plan(
         width=width,
         height=height,
@@ -280,11 +283,27 @@ def make_plan(
         maps=maps,
         map_size=size,
         shadow_tiles=shadow_tiles,
-        batches=batches or (range(0),),
+        batches=batches,
+        slices=slices,
         defines=defines,
         passes=tuple(passes),
         notes=tuple(notes),
     )
+
+
+def _draws(volumes: int, lights: int, settings: Settings) -> tuple[tuple[range, ...], tuple[range, ...]]:
+    """How a march is cut into draws: ranges of lights, and ranges of the steps of a ray."""
+    volumes = max(volumes, 1)
+    per_light = 1 + volumes * (settings.light_steps + 1 if settings.transmittance == "march" else 1)
+    most = min(MAX_LIGHTS_PER_BATCH, MAX_PAIRS_PER_BATCH // volumes, LOOP_BUDGET // per_light)
+    size = max(1, most)
+    batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
+    # A ray takes no more steps than it would in every volume apart, and two more per volume for their ends.
+    steps = volumes * (settings.steps + 2) + 2
+    per_step = 1 + volumes + max(len(b) for b in batches) * per_light
+    length = max(1, LOOP_BUDGET // per_step)
+    slices = tuple(range(i, min(i + length, steps)) for i in range(0, steps, length))
+    return batches, slices
 
 
 def _corner_points(boxes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

@@ -37,7 +37,10 @@ class Renderer:
     def __init__(self, context: moderngl.Context | None = None) -> None:
         self._owns_context = context is None
         self.context = context or create_context()
-        self._frame = Frame(self.context)
+        with self.context:
+            # Asked once: outside a frame the context is not current, and a query would return nothing.
+            self.info: dict[str, Any] = dict(self.context.info)
+            self._frame = Frame(self.context, self.info["GL_MAX_3D_TEXTURE_SIZE"])
         self._states: dict[str, tuple[Hashable, int]] = {}
         self._serial = itertools.count(1)
         #: Names of the passes that ran in the last frame, in order.
@@ -55,7 +58,7 @@ class Renderer:
 
     @property
     def _texture_limit(self) -> int:
-        return self.context.info["GL_MAX_3D_TEXTURE_SIZE"]
+        return self.info["GL_MAX_3D_TEXTURE_SIZE"]
 
     def render(
         self,
@@ -83,7 +86,7 @@ class Renderer:
         """
         settings = settings or Settings()
         width, height = size
-        limit = min(self.context.info["GL_MAX_TEXTURE_SIZE"], self.context.info["GL_MAX_VIEWPORT_DIMS"][0])
+        limit = min(self.info["GL_MAX_TEXTURE_SIZE"], self.info["GL_MAX_VIEWPORT_DIMS"][0])
         if not (0 < width <= limit and 0 < height <= limit):
             raise PrevisError(f"image of {width}×{height} pixels: this device draws from 1×1 to {limit}×{limit}")
         started = time.perf_counter()
@@ -118,7 +121,7 @@ class Renderer:
             "times": times,
             "seconds": time.perf_counter() - started,
             "memory": sum(p.memory for p in plan.passes),
-            "device": self.context.info["GL_RENDERER"],
+            "device": self.info["GL_RENDERER"],
             "settings": dict(settings),
             "notes": [str(n) for n in (*index.notes, *plan.notes)],
         }
@@ -141,6 +144,7 @@ class Renderer:
         frame = self._frame
         frame.plan = plan
         with self.context:
+            frame.rest()
             if plan.maps and frame.maps.update(plan):
                 self._forget("transmittance_map")
             if plan.shadow_tiles and frame.shadows.update(plan):

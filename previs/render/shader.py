@@ -148,10 +148,11 @@ def _explain(log: str, vertex: str, fragment: str, sources: list[Source]) -> str
 
 
 class ShaderCache:
-    """Programs by file names and defines, compiled once."""
+    """Programs by file names and defines, compiled once; their samplers read the texture units given by name."""
 
-    def __init__(self, context: moderngl.Context) -> None:
+    def __init__(self, context: moderngl.Context, units: Mapping[str, int]) -> None:
         self._context = context
+        self._units = units
         self._programs: dict[tuple, Program] = {}
 
     def get(self, vertex: str, fragment: str, **defines: Any) -> Program:
@@ -162,7 +163,9 @@ class ShaderCache:
         """
         key = (vertex, fragment, tuple(sorted(defines.items())))
         if key not in self._programs:
-            self._programs[key] = Program(self._context, vertex, fragment, defines)
+            program = self._programs[key] = Program(self._context, vertex, fragment, defines)
+            # All at once: a sampler left at unit 0 would share it with one of another type, which GL refuses to draw.
+            program.set(**self._units)
         return self._programs[key]
 
     def release(self) -> None:

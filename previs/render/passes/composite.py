@@ -23,8 +23,8 @@ def run_composite(frame: Frame, planned: PlannedPass) -> None:
     if plan.volumes:
         names = ("march_scattered", "march_transmittance", "march_emission")
         textures = frame.targets["march"].color_attachments
-        frame.bind(program, **dict(zip(names, textures, strict=False)))
+        frame.bind(**dict(zip(names, textures, strict=False)))
     if plan.meshes:
-        frame.bind(program, surface_radiance=frame.targets["surface"].color_attachments[0])
+        frame.bind(surface_radiance=frame.targets["surface"].color_attachments[0])
     frame.context.enable_only(moderngl.NOTHING)
     frame.draw_fullscreen(program)

@@ -7,47 +7,35 @@ import moderngl
 from ..frame import Frame
 from ..plan import PlannedPass
 
-#: Pixels along the side of a tile: brute-force marching is done in tiles, so that no single draw occupies a GPU for long.
-TILE = 128
-
 
 def run_march(frame: Frame, planned: PlannedPass) -> None:
-    """March all pixels: a batch of lights at a time, in tiles where light is marched by brute force."""
+    """March all pixels: a batch of lights at a time, each in as many slices of the rays as the plan asks for."""
     plan = frame.plan
     size = (plan.width, plan.height)
     formats = ("f4", "f4", "f4") if plan.defines["HAS_EMISSION"] else ("f4", "f4")
-    framebuffer = frame.targets.get("march", size, formats)
-    framebuffer.use()
-    framebuffer.clear()
-    program = frame.fullscreen("march.frag")
+    draws = [(batch, part) for batch in plan.batches for part in plan.slices]
+    program = frame.fullscreen("march.frag", RESUMES=len(draws) > 1)
     frame.bind_camera(program)
     program.set(opacity_cutoff=plan.settings.opacity_cutoff)
     if plan.meshes:
-        frame.bind(program, gbuffer_normal_distance=frame.targets["gbuffer"].color_attachments[0])
+        frame.bind(gbuffer_normal_distance=frame.targets["gbuffer"].color_attachments[0])
     if plan.defines["HAS_EMISSION"]:
         frame.bind_emission(program)
-    tiles = [(0, 0, *size)]
-    if plan.settings.transmittance == "march":
-        tiles = [
-            (x, y, min(TILE, size[0] - x), min(TILE, size[1] - y))
-            for y in range(0, size[1], TILE)
-            for x in range(0, size[0], TILE)
-        ]
     frame.context.enable_only(moderngl.NOTHING)
-    for batch in plan.batches:
-        frame.bind_lighting(program, batch)
-        if batch.start > 0:
-            # Light adds up; transmittance and emission are the same for every batch and are drawn once.
-            frame.context.enable_only(moderngl.BLEND)
-            frame.context.blend_func = moderngl.ONE, moderngl.ONE
-            framebuffer.color_mask = tuple((i == 0,) * 4 for i in range(len(formats)))
-            framebuffer.use()
-        for number, tile in enumerate(tiles):
-            framebuffer.scissor = tile
-            frame.draw_fullscreen(program)
-            if len(tiles) > 1:
-                frame.context.finish()
-                frame.report((batch.start + len(batch) * (number + 1) / len(tiles)) / max(len(plan.lights), 1))
-        framebuffer.scissor = None
-    framebuffer.color_mask = tuple((True,) * 4 for _ in formats)
-    frame.context.enable_only(moderngl.NOTHING)
+    previous = None
+    for number, (batch, part) in enumerate(draws):
+        # Two targets take turns so that the last draw ends in the one that the composite reads.
+        name = "march" if (len(draws) - 1 - number) % 2 == 0 else "march_other"
+        target = frame.targets.get(name, size, formats)
+        if part is plan.slices[0]:
+            frame.bind_lighting(program, batch)
+        if previous is not None:
+            names = ("previous_scattered", "previous_transmittance", "previous_emission")
+            frame.bind(**dict(zip(names, previous.color_attachments, strict=False)))
+        program.set(slice_begin=part.start, slice_end=part.stop, first_slice=part is plan.slices[0])
+        target.use()
+        frame.draw_fullscreen(program)
+        previous = target
+        if len(draws) > 1:
+            frame.context.finish()
+            frame.report((number + 1) / len(draws))

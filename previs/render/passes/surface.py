@@ -19,7 +19,6 @@ def run_surface(frame: Frame, planned: PlannedPass) -> None:
     frame.bind_camera(program)
     program.set(background_distance=0.5 * BACKGROUND_DISTANCE)
     frame.bind(
-        program,
         gbuffer_normal_distance=normal,
         gbuffer_diffuse_roughness=albedo,
         gbuffer_specular=specular,

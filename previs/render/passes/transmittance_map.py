@@ -49,7 +49,7 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> None:
         begin_depth=BEGIN_DEPTH / weighting,
         step_length=step_length(volume, frame.density.placements, settings.light_steps),
     )
-    frame.bind(program, density_atlas=frame.density.texture)
+    frame.bind(density_atlas=frame.density.texture)
     columns = plan.atlas_columns(plan.map_size)
     framebuffer = frame.maps.framebuffer
     framebuffer.use()
