@@ -140,15 +140,15 @@ def sandstorm() -> dict[str, list[vdb.Grid]]:
     levels = sphere_cluster(seeds, [(0.4, 1.15), (0.42, 1.1), (0.45, 1.3)], seed=5, keep=lambda p: p[:, 1] > -4.0)
     warped = warp(x, y, z, seed=70, frequency=0.05, amount=3.5)
     distance = spheres_distance(*warped, np.concatenate(levels), lo, voxel, reach=12.0)
-    distance += 1.5 * fbm(x * 0.16, y * 0.16, z * 0.16, seed=80, octaves=3)
-    density = smoothstep(1.0, -3.0, distance)
+    distance += 2.2 * fbm(x * 0.16, y * 0.16, z * 0.16, seed=80, octaves=3)
+    density = smoothstep(0.9, -2.6, distance)
     # A dense rolling skin around thinner air: crisp billows, although one can still see some way in.
-    density *= 1.0 - 0.75 * smoothstep(-2.0, -9.0, distance)
+    density *= 1.0 - 0.88 * smoothstep(-2.5, -9.0, distance)
     density *= (0.6 + 0.4 * smoothstep(55.0, 0.0, y)) * (0.8 + 0.35 * fbm(x * 0.06, y * 0.06, z * 0.06, seed=90))
     # The veil: streaks drawn out along the storm's way (z), hugging the ground in front of the wall.
     streaks = fbm(x * 0.11, y * 0.22, z * 0.035, seed=95, octaves=4)
     ahead = smoothstep(46.0 - 0.006 * x**2, -8.0, z + 10.0 * streaks) * smoothstep(80.0, 52.0, np.abs(x))
-    veil = 0.35 * ahead * smoothstep(10.0, 0.0, y + 6.0 * streaks) * smoothstep(-0.35, 0.5, streaks)
+    veil = 0.3 * ahead * smoothstep(10.0, 0.0, y + 6.0 * streaks) * smoothstep(-0.35, 0.5, streaks)
     density = binomial(np.maximum(density, veil)) * edge_fade(x.shape)
     return {"sandstorm.vdb": [grid("density", quantised(density, step=1.0 / 128.0, least=1), voxel, lo)]}
 
