@@ -1,7 +1,7 @@
 """The two functions that most programs need: open a scene, render it.
 
-`render` keeps one renderer for the process, so that a loop over frames or edits compiles its shaders once and draws again
-only what changed. A program that wants renderers of its own makes them with `previs.Renderer`.
+`render` keeps one renderer for the process, so that a loop over frames or edits compiles its shaders once and draws
+again only what changed. A program that wants renderers of its own makes them with `previs.Renderer`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """The colour of a glowing body, as linear Rec.709 radiance.
 
-The colour is Planck's spectrum seen by the CIE 1931 observer (the multi-lobe fit of Wyman, Sloan and Shirley, JCGT 2013), brought to
-luminance 1, like `UsdLux.BlackbodyTemperatureAsRgb`. The radiance grows with the fourth power of the temperature
-(Stefan–Boltzmann) and is 1 at 6500 K, UsdLux's white: it is relative, and `emission_scale` of the medium sets its level.
+The colour is Planck's spectrum seen by the CIE 1931 observer (the multi-lobe fit of Wyman, Sloan and Shirley, JCGT
+2013), brought to luminance 1, like `UsdLux.BlackbodyTemperatureAsRgb`. The radiance grows with the fourth power of the
+temperature (Stefan–Boltzmann) and is 1 at 6500 K, UsdLux's white: it is relative, and `emission_scale` of the medium
+sets its level.
 """
 
 from __future__ import annotations

@@ -13,7 +13,6 @@ Conventions, everywhere in previs:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -46,18 +45,20 @@ class Note:
 
 
 class SparseGrid(Protocol):
-    """What is asked of a grid of voxels; `previs.vdb.Grid` is one."""
+    """What is asked of a grid of voxels; `previs.vdb.Grid` is one. `bounds` is None when no voxel is active."""
 
     name: str
     index_to_world: np.ndarray
     background: float | np.ndarray
     active_count: int
-    bounds: tuple[np.ndarray, np.ndarray]
+    bounds: tuple[np.ndarray, np.ndarray] | None
     leaf_origins: np.ndarray
     leaf_values: np.ndarray
     leaf_active: np.ndarray
 
-    def dense(self, lo: np.ndarray, hi: np.ndarray) -> np.ndarray: ...
+    def dense(self, lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
+        """Values [x, y, z] over an index box, both ends included."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +75,7 @@ class Field:
     index_to_local: np.ndarray
 
     def parts(self) -> Hashable:
+        """What identifies the field: its voxels and its placement."""
         return (self.key, matrix_key(self.index_to_local))
 
 
@@ -86,6 +88,7 @@ class Box:
 
     @property
     def local_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Minimum and maximum corner in local space, (3,) each."""
         return np.array(self.minimum, float), np.array(self.maximum, float)
 
 
@@ -97,12 +100,13 @@ class Sphere:
 
     @property
     def local_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Minimum and maximum corner in local space, (3,) each."""
         return np.full(3, -self.radius), np.full(3, self.radius)
 
 
 @dataclass(frozen=True)
 class Capsule:
-    """A capsule around the local origin: a segment of length `height` along `axis` ("X", "Y" or "Z"), swept by a sphere."""
+    """A capsule around the local origin: a segment of length `height` along `axis` (X, Y or Z), swept by a sphere."""
 
     axis: str
     height: float
@@ -110,6 +114,7 @@ class Capsule:
 
     @property
     def local_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Minimum and maximum corner in local space, (3,) each."""
         half = np.full(3, self.radius)
         half["XYZ".index(self.axis)] += 0.5 * self.height
         return -half, half
@@ -159,9 +164,7 @@ class Medium:
     @property
     def emits(self) -> bool:
         """Whether any emission can reach the camera: emitted radiance and absorption are both non-zero in a channel."""
-        return any(
-            e * self.emission_scale * a != 0.0 for e, a in zip(self.emission, self.absorption, strict=True)
-        )
+        return any(e * self.emission_scale * a != 0.0 for e, a in zip(self.emission, self.absorption, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,9 +216,9 @@ class Light:
     """A UsdLux light. `radiance` is what its surface emits: every factor of the schema is in it, `normalize` too.
 
     `strength` is the reduction of that light to its centre: irradiance on a plane across the light's direction for
-    a distant light, radiant intensity along the light's axis for the others. It stays meaningful for a light of zero size.
-    `angle` (degrees, the full apparent diameter) belongs to distant lights; `radius`, `width`, `height` and `length` are
-    the authored sizes in the light's own space. `shaping` is None where no ShapingAPI is applied.
+    a distant light, radiant intensity along the light's axis for the others. It stays meaningful for a light of zero
+    size. `angle` (degrees, the full apparent diameter) belongs to distant lights; `radius`, `width`, `height` and
+    `length` are the authored sizes in the light's own space. `shaping` is None where no ShapingAPI is applied.
     A dome is a uniform environment of `radiance`.
     """
 
@@ -269,8 +272,9 @@ class Light:
 class Geometry:
     """Triangles. `key` identifies the content: equal keys, equal arrays.
 
-    `points` (V, 3) float32; `normals` (V, 3) float32, unit length; `triangles` (T, 3) uint32, counter-clockwise seen from
-    outside; `colors` (V, 3) float32 or None. Vertices are already split where normals or colours differ between faces.
+    `points` (V, 3) float32; `normals` (V, 3) float32, unit length; `triangles` (T, 3) uint32, counter-clockwise seen
+    from outside; `colors` (V, 3) float32 or None. Vertices are already split where normals or colours differ between
+    faces.
     """
 
     key: Hashable
@@ -339,7 +343,8 @@ class Camera:
         return self.horizontal_aperture / self.vertical_aperture
 
     def window(self) -> tuple[float, float, float, float]:
-        """(left, right, bottom, top): at unit distance for a perspective camera, in stage units for an orthographic one."""
+        """(left, right, bottom, top): at unit distance for a perspective camera, in stage units for an orthographic
+        one."""
         unit = 0.1 if self.projection == "orthographic" else 1.0 / self.focal_length
         half_width, half_height = 0.5 * self.horizontal_aperture, 0.5 * self.vertical_aperture
         x, y = self.horizontal_aperture_offset, self.vertical_aperture_offset
@@ -357,6 +362,7 @@ class Camera:
         return replace(self, vertical_aperture=self.horizontal_aperture / aspect_ratio)
 
     def parts(self) -> Mapping[str, Hashable]:
+        """`view` moves everything that is drawn per pixel."""
         return {
             "view": (
                 matrix_key(self.camera_to_world),
@@ -448,7 +454,8 @@ def mesh_world_bounds(mesh: Mesh) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def framing_camera(scene: SceneDescription, aspect_ratio: float = 16.0 / 9.0) -> Camera:
-    """A camera that frames the whole scene: three quarters from the front, slightly above, 50 mm on a 36 mm wide film."""
+    """A camera that frames the whole scene: three quarters from the front, slightly above, 50 mm on a 36 mm wide
+    film."""
     bounds = scene.world_bounds()
     lo, hi = bounds if bounds is not None else (-np.ones(3), np.ones(3))
     centre, radius = 0.5 * (lo + hi), max(0.5 * float(np.linalg.norm(hi - lo)), 1e-6)
@@ -459,10 +466,14 @@ def framing_camera(scene: SceneDescription, aspect_ratio: float = 16.0 / 9.0) ->
     back /= np.linalg.norm(back)
     right = np.cross(up, back)
     right /= np.linalg.norm(right)
-    half_height = 18.0 / aspect_ratio
-    distance = radius / math.sin(math.atan(min(half_height, 18.0) / 50.0))
+    true_up = np.cross(back, right)
+    # Just far enough for every corner of the bounds to be inside the film, with a margin.
+    corners = box_corners(lo, hi) - centre
+    tangents = np.array([18.0, 18.0 / aspect_ratio]) / 50.0 / 1.08
+    across = np.abs(corners @ np.stack([right, true_up], axis=1))
+    distance = max(float((across / tangents + (corners @ back)[:, None]).max()), 1e-6)
     matrix = np.eye(4)
-    matrix[0, :3], matrix[1, :3], matrix[2, :3] = right, np.cross(back, right), back
+    matrix[0, :3], matrix[1, :3], matrix[2, :3] = right, true_up, back
     matrix[3, :3] = centre + back * distance
     return Camera(
         path="",

@@ -17,8 +17,9 @@ class Image:
     Attributes:
         color: (H, W, 3) radiance, premultiplied: media over surfaces over black.
         alpha: (H, W), 1 − mean transmittance to the background.
-        depth: (H, W) distance of the first surface along the camera's axis in stage units, infinite where there is none.
-        aovs: further planes by name, (H, W, 3): ``albedo`` and ``normal`` of surfaces, ``transmittance`` of the view ray through the
+        depth: (H, W) distance of the first surface along the camera's axis in stage units, infinite where there is
+        none. aovs: further planes by name, (H, W, 3): ``albedo`` and ``normal`` of surfaces, ``transmittance`` of the
+        view ray through the
             media, ``volume`` (in-scattered light only), ``emission``; each where the scene has it.
         stats: the plan, what ran, times, memory, notes; see `Renderer.render`.
     """
@@ -34,9 +35,7 @@ class Image:
         """(width, height) in pixels."""
         return self.color.shape[1], self.color.shape[0]
 
-    def save(
-        self, path: str | PathLike[str], exposure: float | str = 0.0, color_correction: str = "sRGB"
-    ) -> None:
+    def save(self, path: str | PathLike[str], exposure: float | str = 0.0, color_correction: str = "sRGB") -> None:
         """Write the picture; the ending picks the format: .exr linear with all planes, .png or .jpg for display.
 
         Args:

@@ -52,7 +52,8 @@ def display(color: np.ndarray, exposure: float | str = 0.0, color_correction: st
     Args:
         color: (H, W, 3) linear Rec.709.
         exposure: stops, or "auto".
-        color_correction: "disabled" (values as they are), "sRGB" (the sRGB curve), or "openColorIO" (the default display and view
+        color_correction: "disabled" (values as they are), "sRGB" (the sRGB curve), or "openColorIO" (the default
+        display and view
             of $OCIO, else of the built-in ACES config).
 
     Raises:

@@ -39,7 +39,8 @@ def has_placeholder(path: str) -> bool:
 
 
 def frame_path(path: str, frame: float) -> str:
-    """The file of a frame: ``###`` in the name becomes the number, padded to as many digits; ``###.###`` keeps decimals."""
+    """The file of a frame: ``###`` in the name becomes the number, padded to as many digits; ``###.###`` keeps
+    decimals."""
     name = Path(path).name
     match = _PLACEHOLDER.search(name)
     if match is None:

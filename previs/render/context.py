@@ -11,7 +11,7 @@ from ..errors import PrevisError
 REQUIRED_VERSION = 330
 
 _REMEDY = {
-    "linux": "On Debian or Ubuntu: apt-get install --no-install-recommends libegl1 libgl1 (software rendering included).",
+    "linux": "On Debian or Ubuntu: apt-get install --no-install-recommends libegl1 libgl1 (with software rendering).",
     "darwin": "macOS brings OpenGL itself; run in a session with a window server.",
     "win32": "Install the graphics driver, or Mesa's opengl32.dll for software rendering.",
 }

@@ -104,7 +104,8 @@ class Frame:
         )
 
     def bind_lighting(self, program: Program, batch: range) -> None:
-        """Give a program everything that lights.glsl, medium.glsl and transmittance.glsl read, for one batch of lights."""
+        """Give a program everything that lights.glsl, medium.glsl and transmittance.glsl read, for one batch of
+        lights."""
         plan = self.plan
         self._block(program, "Volumes", uniforms.pack_volumes(plan, self.density.placements))
         self._block(program, "Lights", uniforms.pack_lights(plan, batch))

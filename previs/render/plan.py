@@ -15,7 +15,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..description import Camera, Light, Mesh, Note, Volume, box_corners, mesh_world_bounds, volume_world_bounds
+from ..description import (
+    Camera,
+    Light,
+    Mesh,
+    Note,
+    Volume,
+    box_corners,
+    mesh_world_bounds,
+    volume_box,
+    volume_world_bounds,
+)
 from ..errors import PrevisError
 from ..index import RenderIndex, camera_key
 from ..settings import Settings
@@ -74,8 +84,8 @@ class PlannedLight:
 class PlannedMap:
     """The transmittance map of one light through one volume and its tile in the atlas.
 
-    Curves are stored at the `reference` extinction (per stage unit at density 1); the adaptive range ends where the weakest channel,
-    of extinction `weakest`, falls below the threshold.
+    Curves are stored at the `reference` extinction (per stage unit at density 1); the adaptive range ends where the
+    weakest channel, of extinction `weakest`, falls below the threshold.
     """
 
     light: int
@@ -127,6 +137,10 @@ def _bytes(count: int) -> str:
     return f"{count / 2**20:.1f} MiB" if count >= 2**19 else f"{count / 2**10:.1f} KiB"
 
 
+def _count(number: int, name: str, plural: str = "s") -> str:
+    return f"{number} {name}{plural if number != 1 else ''}"
+
+
 def map_layers(coefficients: int) -> int:
     """RGBA textures per map: the coefficients, then the tail's extinction and the transmittance at the range's end."""
     return -(-(coefficients + 2) // 4)
@@ -155,14 +169,24 @@ def make_plan(
         PrevisError: when the scene holds more volumes than a frame can march through.
     """
     scene = index.scene
-    volumes = [e for e in index.volumes.values() if any(s > 0.0 for s in e.record.medium.strength)]
     meshes = list(index.meshes.values())
     notes: list[Note] = []
+    volumes = []
+    for entry in index.volumes.values():
+        if abs(np.linalg.det(volume_box(entry.record)[2][:3, :3])) < 1e-300 or _is_flat(entry.record):
+            notes.append(Note("ignored", entry.record.path, "has no thickness, so nothing of it can be seen"))
+        elif any(s > 0.0 for s in entry.record.medium.strength):
+            volumes.append(entry)
     if len(volumes) > MAX_VOLUMES:
         raise PrevisError(
-            f"{volumes[MAX_VOLUMES].record.path}: the stage has {len(volumes)} volumes and a frame takes {MAX_VOLUMES}; "
-            "hide some, or render them apart"
+            f"{volumes[MAX_VOLUMES].record.path}: the stage has {len(volumes)} volumes and a frame takes {MAX_VOLUMES}"
+            "; hide some, or render them apart"
         )
+    notes += [
+        Note("approximated", e.record.path, "a dome lights every point evenly, without occlusion")
+        for e in index.lights.values()
+        if e.record.kind == "dome"
+    ]
     domes = [e.record for e in index.lights.values() if e.record.kind == "dome"]
     ambient = tuple(settings.ambient + sum(d.radiance[c] for d in domes) for c in range(3))
     lights = [e for e in index.lights.values() if e.record.kind != "dome" and any(c > 0.0 for c in e.record.strength)]
@@ -192,7 +216,7 @@ def make_plan(
                     )
                 )
         keys = tuple((v.path, f.parts()) for v, f in fields)
-        why = f"{len(fields)} field{'s' if len(fields) > 1 else ''} of voxels"
+        why = f"{_count(len(fields), 'field')} of voxels"
         passes.append(PlannedPass("fields", "fields", why, (), size, (keys, memory), payload=records))
 
     planned_lights, shadow_tiles = _plan_shadows(volumes, lights, meshes, settings, passes)
@@ -217,7 +241,7 @@ def make_plan(
             PlannedPass(
                 "gbuffer",
                 "gbuffer",
-                f"{len(meshes)} mesh{'es' if len(meshes) > 1 else ''}, {triangles} triangles before the camera",
+                f"{_count(len(meshes), 'mesh', 'es')}, {_count(triangles, 'triangle')} before the camera",
                 (width, height),
                 width * height * 44,
                 (view, shapes),
@@ -227,7 +251,7 @@ def make_plan(
             PlannedPass(
                 "surface",
                 "surface",
-                f"light on the meshes from {len(lights)} light{'s' if len(lights) != 1 else ''}",
+                f"light on the meshes from {_count(len(lights), 'light')}",
                 (width, height),
                 width * height * 16,
                 (lit_by, media_light, ambient, lookup),
@@ -237,7 +261,7 @@ def make_plan(
     if records:
         media = tuple((e.record.path, e.versions["placement"], e.versions["scattering"]) for e in volumes)
         marching = (settings.steps, settings.opacity_cutoff, settings.projective_steps)
-        why = f"{len(records)} volume{'s' if len(records) > 1 else ''}, {len(lights)} light{'s' if len(lights) != 1 else ''}"
+        why = f"{_count(len(records), 'volume')}, {_count(len(lights), 'light')}"
         why += {
             "march": "; brute force towards every light",
             "tfm": f"; {settings.coefficients} coefficients, adaptive range",
@@ -291,6 +315,11 @@ def make_plan(
     )
 
 
+def _is_flat(volume: Volume) -> bool:
+    lo, hi, _ = volume_box(volume)
+    return bool(np.any(np.asarray(hi) <= np.asarray(lo)))
+
+
 def _draws(volumes: int, lights: int, settings: Settings) -> tuple[tuple[range, ...], tuple[range, ...]]:
     """How a march is cut into draws: ranges of lights, and ranges of the steps of a ray."""
     volumes = max(volumes, 1)
@@ -330,7 +359,7 @@ def _plan_shadows(volumes, lights, meshes, settings: Settings, passes: list[Plan
             PlannedPass(
                 f"shadow_map {light.path}",
                 "shadow_map",
-                f"meshes cut this light; {fit.kind}, {len(fit.matrices)} face{'s' if len(fit.matrices) > 1 else ''}",
+                f"meshes cut this light; {fit.kind}, {_count(len(fit.matrices), 'face')}",
                 (size, size, len(fit.matrices)),
                 size * size * 4 * len(fit.matrices),
                 (shapes, fit.key(), tiles, size, len(lights)),
@@ -437,8 +466,8 @@ def _defines(volumes, lights, meshes, ambient, settings: Settings) -> dict[str, 
 def density_weighting(volumes: tuple[Volume, ...], settings: Settings) -> float:
     """Exponent α: maps hold T^(1/α) at the reference strength ([TFM11] section 6.2).
 
-    Inside an adaptive range 2 is best; a medium whose channels differ more needs as much as they differ, so that the curve
-    of the strongest channel is not gone where the weakest still transmits.
+    Inside an adaptive range 2 is best; a medium whose channels differ more needs as much as they differ, so that the
+    curve of the strongest channel is not gone where the weakest still transmits.
     """
     if settings.density_weighting > 0.0:
         return settings.density_weighting

@@ -1,8 +1,9 @@
 """Where rays come from: cameras, transmittance maps and shadow maps as plain float64 geometry.
 
-Everything here is computed in float64 world space and handed to the shaders relative to a *render origin* near the scene, so that
-a scene far from the world's origin loses no digits in 32-bit floats. For the same reason camera rays start on a plane
-through the scene, not at a camera that may be far away, and distances along light rays count from the volume's centre.
+Everything here is computed in float64 world space and handed to the shaders relative to a *render origin* near the
+scene, so that a scene far from the world's origin loses no digits in 32-bit floats. For the same reason camera rays
+start on a plane through the scene, not at a camera that may be far away, and distances along light rays count from the
+volume's centre.
 
 Matrices act on row vectors (``[x y z 1] @ M``); their bytes are what GLSL reads as a column-major matrix.
 """
@@ -41,9 +42,9 @@ def render_origin(scene: SceneDescription) -> np.ndarray:
 class CameraRays:
     """A ray per pixel: ``anchor + s · normalize(direction)``; both are affine in the image coordinate (u, v).
 
-    `anchor` and `direction` are (3, 3): the value at (0, 0), and its change along u and along v, where u runs to the right
-    and v up over the image. `direction` is scaled to advance one unit along the camera's axis. The anchors lie on the
-    plane `anchor_depth` in front of the camera; `near` and `far` are depths along the axis. `view` and
+    `anchor` and `direction` are (3, 3): the value at (0, 0), and its change along u and along v, where u runs to the
+    right and v up over the image. `direction` is scaled to advance one unit along the camera's axis. The anchors lie
+    on the plane `anchor_depth` in front of the camera; `near` and `far` are depths along the axis. `view` and
     `projection` are for rasterising. All relative to `origin`.
     """
 
@@ -123,11 +124,12 @@ MAP_KINDS: tuple[MapKind, ...] = ("orthographic", "perspective", "octahedral")
 
 @dataclass(frozen=True, eq=False)
 class LightMap:
-    """The rays of one light through one volume, one per texel of a square map; all relative to the volume's `centre` (world).
+    """The rays of one light through one volume, one per texel of a square map; all relative to the volume's `centre`
+    (world).
 
-    ``ray_origin`` and ``ray_direction`` are (3, 3) affine in (u, v), as for a camera (unused for an octahedral map, whose
-    directions cover the sphere). `to_map` takes a point relative to `centre` to (U, V, ·, W), with (u, v) = (U, V) / W.
-    `from_light` is the vector from the light to `centre`, or the light's direction for an orthographic map.
+    ``ray_origin`` and ``ray_direction`` are (3, 3) affine in (u, v), as for a camera (unused for an octahedral map,
+    whose directions cover the sphere). `to_map` takes a point relative to `centre` to (U, V, ·, W), with (u, v) = (U,
+    V) / W. `from_light` is the vector from the light to `centre`, or the light's direction for an orthographic map.
     """
 
     kind: MapKind
@@ -245,8 +247,9 @@ CUBE_FACES = tuple(
 class ShadowFit:
     """Projections of the shadow map of one light.
 
-    `matrices` holds one world → clip matrix per face: one or two (near the volumes, and everything) for a distant light, one for
-    a spot, six for a point light. Depth is linear in [0, 1]: along the light for an orthographic face, distance / `far` else.
+    `matrices` holds one world → clip matrix per face: one or two (near the volumes, and everything) for a distant
+    light, one for a spot, six for a point light. Depth is linear in [0, 1]: along the light for an orthographic face,
+    distance / `far` else.
     """
 
     kind: ShadowKind
@@ -316,7 +319,8 @@ def _orthographic_face(right, up, direction, casters: np.ndarray, receivers: np.
 
 
 def _perspective_face(forward, right, up, position, tangent: float, far: float) -> np.ndarray:
-    """World → clip of a square perspective; the raster depth only has to clip, the stored one is written by the shader."""
+    """World → clip of a square perspective; the raster depth only has to clip, the stored one is written by the
+    shader."""
     near = 1e-4 * far
     basis = np.eye(4)
     basis[:3, 0], basis[:3, 1], basis[:3, 2] = right, up, -forward

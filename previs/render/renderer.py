@@ -24,8 +24,8 @@ from .plan import Plan, make_plan
 class Renderer:
     """Renders scenes in one OpenGL context and keeps what the next frame can use again.
 
-    Use it as a context manager, or call `release`. One renderer follows one scene at a time: give it the same index and only
-    the passes whose input changed run again.
+    Use it as a context manager, or call `release`. One renderer follows one scene at a time: give it the same index
+    and only the passes whose input changed run again.
 
     Args:
         context: an OpenGL 3.3 context to draw in; None makes one without a window, which the renderer then owns.
@@ -78,8 +78,9 @@ class Renderer:
             progress: called with the part of the frame that is done, in [0, 1]; an exception it raises stops the frame.
 
         Returns:
-            The picture. Its `stats` hold ``plan`` (a list of passes with why, resolution and memory), ``executed`` (names of the
-            passes that ran), ``times`` (seconds per pass name), ``seconds``, ``memory`` (bytes of textures), ``device``, ``settings``.
+            The picture. Its `stats` hold ``plan`` (passes with why, resolution and memory), ``executed`` (names of the
+            passes that ran), ``times`` (seconds per pass name), ``seconds``, ``memory`` (bytes of textures),
+            ``device``, ``settings``.
 
         Raises:
             PrevisError: when the scene cannot be rendered.

@@ -1,6 +1,7 @@
 """Textures and buffers that outlive a frame: field atlases, light-map atlases, meshes, image targets.
 
-Each store makes what a plan asks for and frees what no plan asks for any more. None of them decides when to: the passes do.
+Each store makes what a plan asks for and frees what no plan asks for any more. None of them decides when to: the
+passes do.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ LINEAR = (moderngl.LINEAR, moderngl.LINEAR)
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a field lies in its atlas: its unit box to atlas coordinates, the value of a texel of 1, and box → local."""
+    """Where a field lies in its atlas: its unit box to atlas coordinates, the value of a texel of 1, and box →
+    local."""
 
     scale: np.ndarray
     offset: np.ndarray
@@ -308,7 +310,8 @@ class MeshStore:
 class Targets:
     """The textures of one image size that passes draw into, made when first asked for.
 
-    `get(name, formats, depth)` gives a framebuffer whose colour attachments have the given formats ("f2" or "f4", four components).
+    `get(name, formats, depth)` gives a framebuffer whose colour attachments have the given formats ("f2" or "f4", four
+    components).
     """
 
     def __init__(self, context: moderngl.Context) -> None:

@@ -1,8 +1,9 @@
 """Shader programs from files: includes, defines, strict names, and errors that name file and line.
 
 Sources are GLSL 3.30 without a #version line. ``#include "name.glsl"`` takes a file of the shader folder once; defines
-are given by the caller. An upper-case name that is tested by ``#if`` and defined nowhere is an error that names it: GLSL would
-quietly take it for 0. With PREVIS_SHADER_SOURCE=1 in the environment the numbered source of every program is printed to stderr.
+are given by the caller. An upper-case name that is tested by ``#if`` and defined nowhere is an error that names it:
+GLSL would quietly take it for 0. With PREVIS_SHADER_SOURCE=1 in the environment the numbered source of every program
+is printed to stderr.
 """
 
 from __future__ import annotations

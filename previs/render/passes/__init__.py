@@ -1,6 +1,7 @@
 """The passes: one module each, with a function that draws what a planned pass asks for.
 
-A pass gets the `Frame` it works in and the `PlannedPass` to run. It decides nothing: what runs, and when, is in the plan.
+A pass gets the `Frame` it works in and the `PlannedPass` to run. It decides nothing: what runs, and when, is in the
+plan.
 """
 
 from __future__ import annotations
