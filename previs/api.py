@@ -9,9 +9,11 @@ from __future__ import annotations
 import atexit
 import threading
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any
+
+import numpy as np
 
 from .description import Camera, SceneDescription, framing_camera
 from .errors import PrevisError
@@ -77,10 +79,10 @@ def choose_camera(
     return scene.camera(camera, time) or framing_camera(description)
 
 
-def choose_size(camera: Camera, size: tuple[int, int] | int | None) -> tuple[int, int]:
+def choose_size(camera: Camera, size: Sequence[int] | int | None) -> tuple[int, int]:
     """(width, height): as given, or a width (960 by default) and the height of the camera's aspect."""
-    if isinstance(size, tuple):
-        return size
+    if np.ndim(size) == 1 and len(size) == 2:
+        return int(size[0]), int(size[1])
     width = DEFAULT_WIDTH if size is None else int(size)
     return width, max(round(width / camera.aspect_ratio), 1)
 
@@ -88,7 +90,7 @@ def choose_size(camera: Camera, size: tuple[int, int] | int | None) -> tuple[int
 def render(
     scene: Scene | str | PathLike[str],
     camera: str | Camera | None = None,
-    size: tuple[int, int] | int | None = None,
+    size: Sequence[int] | int | None = None,
     time: float | None = None,
     progress: Callable[[float], None] | None = None,
     **settings: Any,

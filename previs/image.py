@@ -45,6 +45,7 @@ class Image:
 
         Raises:
             PrevisError: when the format is unknown or the file cannot be written.
+            ValueError: for another exposure or color_correction.
         """
         from .io import save_image
 

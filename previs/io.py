@@ -19,6 +19,8 @@ LINEAR_FORMATS = (".exr",)
 DISPLAY_FORMATS = (".png", ".jpg", ".jpeg")
 COLOR_CORRECTIONS = ("disabled", "sRGB", "openColorIO")
 
+#: Stops beyond this would leave the range of a float.
+EXPOSURE_LIMIT = 64.0
 #: Share of the light that may clip under automatic exposure, and the level it is put at.
 _AUTO_PERCENTILE, _AUTO_LEVEL = 99.0, 0.8
 
@@ -43,7 +45,26 @@ def auto_exposure(color: np.ndarray) -> float:
     if lit.size == 0:
         return 0.0
     level = float(np.percentile(lit, _AUTO_PERCENTILE))
-    return float(np.clip(np.log2(_AUTO_LEVEL / level), -64.0, 64.0)) if level > 0.0 else 0.0
+    return float(np.clip(np.log2(_AUTO_LEVEL / level), -EXPOSURE_LIMIT, EXPOSURE_LIMIT)) if level > 0.0 else 0.0
+
+
+def parse_exposure(value: float | str) -> float | str:
+    """A number of stops, or "auto"; accepts text.
+
+    Raises:
+        ValueError: with one sentence, for anything else.
+    """
+    if value == "auto":
+        return "auto"
+    try:
+        stops = float(value)
+    except (TypeError, ValueError):
+        stops = float("nan")
+    if not abs(stops) <= EXPOSURE_LIMIT:
+        raise ValueError(
+            f"exposure: {value!r} is not a number of stops from {-EXPOSURE_LIMIT:g} to {EXPOSURE_LIMIT:g}, or auto"
+        )
+    return stops
 
 
 def display(color: np.ndarray, exposure: float | str = 0.0, color_correction: str = "sRGB") -> np.ndarray:
@@ -58,8 +79,12 @@ def display(color: np.ndarray, exposure: float | str = 0.0, color_correction: st
 
     Raises:
         PrevisError: when the OpenColorIO config cannot be used.
+        ValueError: for another exposure or color_correction.
     """
-    stops = auto_exposure(color) if exposure == "auto" else float(exposure)
+    if color_correction not in COLOR_CORRECTIONS:
+        raise ValueError(f"color_correction: {color_correction!r} is not one of {', '.join(COLOR_CORRECTIONS)}")
+    stops = parse_exposure(exposure)
+    stops = auto_exposure(color) if stops == "auto" else stops
     linear = np.nan_to_num(np.asarray(color, np.float32) * np.float32(2.0**stops), nan=0.0, posinf=1e6, neginf=0.0)
     if color_correction == "disabled":
         return np.clip(linear, 0.0, 1.0)
@@ -74,6 +99,9 @@ def _open_color_io(linear: np.ndarray) -> np.ndarray:
     name = os.environ.get("OCIO") or "ocio://default"
     config = oiio.ColorConfig(name)
     shown = config.getDefaultDisplayName()
+    cause = " ".join(config.geterror().split())
+    if cause or not shown:
+        raise PrevisError(f"OpenColorIO config {name}: {cause or 'it has no display'}")
     view = config.getDefaultViewName(shown)
     source = "lin_rec709"
     buffer = oiio.ImageBuf(np.ascontiguousarray(linear, np.float32))

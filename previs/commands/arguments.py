@@ -7,6 +7,8 @@ import os
 
 from ..settings import BY_NAME, TABLE, Settings
 
+_PURPOSES = ("default", "render", "proxy", "guide")
+
 
 def add_stage_arguments(parser: argparse.ArgumentParser) -> None:
     """The stage, and what of it to show."""
@@ -21,7 +23,11 @@ def add_stage_arguments(parser: argparse.ArgumentParser) -> None:
         "--mask", metavar="PATH[,PATH...]", help="show only these prims, what is below them and what they use"
     )
     parser.add_argument(
-        "--purposes", metavar="PURPOSE[,PURPOSE...]", default="render", help="purposes shown besides default"
+        "--purposes",
+        metavar="PURPOSE[,PURPOSE...]",
+        type=_purposes,
+        default=["render"],
+        help=f"purposes shown besides default: {', '.join(_PURPOSES[1:])} (default: render)",
     )
     parser.add_argument("--sessionLayer", metavar="LAYER", help="USD layer composed over the stage")
     parser.add_argument("--renderSettingsPrimPath", "-rs", metavar="PATH", help="RenderSettings prim to follow")
@@ -90,9 +96,17 @@ def open_scene(arguments: argparse.Namespace):
         arguments.stage,
         session_layer=arguments.sessionLayer,
         mask=[p for p in (arguments.mask or "").split(",") if p] or None,
-        purposes=[p for p in arguments.purposes.replace(" ", ",").split(",") if p],
+        purposes=arguments.purposes,
         keep_going=arguments.keepGoing,
     )
+
+
+def _purposes(text: str) -> list[str]:
+    names = [name for name in text.replace(" ", ",").split(",") if name]
+    for name in names:
+        if name not in _PURPOSES:
+            raise argparse.ArgumentTypeError(f"{name} is not one of {', '.join(_PURPOSES)}")
+    return names
 
 
 def _positive(text: str) -> int:

@@ -9,7 +9,7 @@ import time as clock
 from pathlib import Path
 
 from ..errors import PrevisError
-from ..io import COLOR_CORRECTIONS, check_format, write_text
+from ..io import COLOR_CORRECTIONS, check_format, parse_exposure, write_text
 from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
 from .frames import frame_path, has_placeholder, parse_frames
 from .view_of import camera_and_size, with_camera_light
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Render; 0 when all frames were written, 1 when one could not be, 2 for wrong arguments."""
     try:
         settings = settings_from(arguments)
-        frames = parse_frames(arguments.frames) if arguments.frames else [None]
+        frames = parse_frames(arguments.frames) if arguments.frames is not None else [None]
         if len(frames) > 1 and not has_placeholder(arguments.output):
             raise ValueError(f"{arguments.output}: {len(frames)} frames need a ### in the name for the frame number")
     except ValueError as error:
@@ -137,12 +137,10 @@ def _over_dome(image, description):
 
 
 def _exposure(text: str) -> float | str:
-    if text == "auto":
-        return text
     try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number of stops or auto") from None
+        return parse_exposure(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error).removeprefix("exposure: ")) from None
 
 
 def _progress(number: int, count: int, frame: float | None):
