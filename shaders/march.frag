@@ -71,6 +71,27 @@ float mean_inverse_square(vec3 light, float radius, float s0, float s1) {
 }
 #endif
 
+// Share of a step that light i reaches past the meshes. A shadow's edge is the one discontinuity along a ray: where the ends of the step
+// differ it is searched for, so that its place is not rounded to whole steps, which would show as bands.
+float lit_share(int i, float s0, float s1) {
+#if HAS_SHADOW_MAPS
+    float a = visibility(i, ray.anchor + s0 * ray.direction);
+    float b = visibility(i, ray.anchor + s1 * ray.direction);
+    if (a == b) return a;
+    float level = 0.5 * (a + b);
+    float lo = 0.0;
+    float hi = 1.0;
+    for (int n = 0; n < 5; ++n) {
+        float middle = 0.5 * (lo + hi);
+        float seen = visibility(i, ray.anchor + mix(s0, s1, middle) * ray.direction);
+        if ((seen > level) == (a > level)) lo = middle; else hi = middle;
+    }
+    return mix(b, a, 0.5 * (lo + hi));
+#else
+    return 1.0;
+#endif
+}
+
 // One step [s0, s1]; `inside` is set for the volumes it lies in.
 void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
     float h = s1 - s0;
@@ -115,7 +136,7 @@ void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
 #endif
             vec3 arriving = lights[i].strength.rgb * shaping(i, travel) * inverse_square;
             if (max(max(arriving.r, arriving.g), arriving.b) <= 0.0) continue;
-            float seen = visibility(i, position);
+            float seen = lit_share(i, s0, s1);
             if (seen <= 0.0) continue;
             float cosine = dot(travel, -ray.direction);
             vec3 turned = vec3(0.0);

@@ -60,7 +60,7 @@ void main() {
         vec3 irradiance = lights[i].strength.rgb * shaping(i, travel) * (inverse_square * cosine);
         if (max(max(irradiance.r, irradiance.g), irradiance.b) <= 0.0) continue;
         // The lookup is moved off the surface by what a texel of the map spans there, the more the more the light grazes it.
-        vec3 offset = position + n * (shadow_texel(i, position) * (0.5 + 1.5 * sqrt(max(1.0 - cosine * cosine, 0.0))));
+        vec3 offset = position + n * (shadow_texel(i, position) * (0.5 + 3.0 * sqrt(max(1.0 - cosine * cosine, 0.0))));
         float seen = visibility(i, offset);
         if (seen <= 0.0) continue;
         vec3 arriving = irradiance * seen * light_transmittance(i, position, travel);

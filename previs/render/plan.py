@@ -323,7 +323,7 @@ def _is_flat(volume: Volume) -> bool:
 def _draws(volumes: int, lights: int, settings: Settings) -> tuple[tuple[range, ...], tuple[range, ...]]:
     """How a march is cut into draws: ranges of lights, and ranges of the steps of a ray."""
     volumes = max(volumes, 1)
-    per_light = 1 + volumes * (settings.light_steps + 1 if settings.transmittance == "march" else 1)
+    per_light = 8 + volumes * (settings.light_steps + 1 if settings.transmittance == "march" else 1)
     most = min(MAX_LIGHTS_PER_BATCH, MAX_PAIRS_PER_BATCH // volumes, LOOP_BUDGET // per_light)
     size = max(1, most)
     batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
