@@ -82,7 +82,7 @@ def test_sizes(scene, size, expected):
 
 @pytest.mark.parametrize("size", [0, (0, 10), (10, -1), (10**6, 10)])
 def test_sizes_that_are_none(scene, size):
-    with pytest.raises(previs.PrevisError, match="image of .*×.* pixels"):
+    with pytest.raises(previs.PrevisError, match=r"image of .*×.* pixels"):
         previs.render(scene, size=size)
 
 
@@ -178,7 +178,8 @@ def test_a_closed_scene_is_not_rendered_and_not_kept_alive(scene):
 def test_a_failed_render_does_not_spoil_the_next(scene, tmp_path):
     first = previs.render(scene, "/front", SIZE)
     (tmp_path / "s.usda").write_text(
-        '#usda 1.0\ndef Volume "V" {\n rel field:density = </V/f>\n def OpenVDBAsset "f" {\n asset filePath = @no.vdb@\n }\n}\n'
+        '#usda 1.0\ndef Volume "V" {\n rel field:density = </V/f>\n'
+        ' def OpenVDBAsset "f" {\n asset filePath = @no.vdb@\n }\n}\n'
     )
     with pytest.raises(previs.PrevisError, match=r"no\.vdb"):
         previs.render(tmp_path / "s.usda", size=SIZE)

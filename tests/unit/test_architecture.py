@@ -104,7 +104,8 @@ def test_foreign_packages_stay_in_their_place(path):
 
 def test_the_check_of_imports_sees_them():
     path = PACKAGE / "render" / "passes" / "march.py"
-    source = "import moderngl.x\nfrom ...stage import reader\nfrom ... import scene, vdb\ndef f():\n    from previs.api import open\n"
+    source = "import moderngl.x\nfrom ...stage import reader\nfrom ... import scene, vdb\n"
+    source += "def f():\n    from previs.api import open\n"
     assert own_parts(path, source) == {"stage", "scene", "vdb", "api"}
     assert ("moderngl", "x") in imports(path, source)
     assert own_parts(PACKAGE / "scene.py", "from . import vdb\nfrom .stage.field import x\nimport previs") == {

@@ -17,7 +17,7 @@ def test_colour_has_luminance_one():
 
 
 def test_redder_when_colder_and_bluer_when_hotter():
-    red, green, blue = blackbody.chromaticity(KELVIN).T
+    red, _, blue = blackbody.chromaticity(KELVIN).T
     assert (np.diff(red) < 0.0).all()
     assert (np.diff(blue[blue > 0.0]) > 0.0).all()
     cold, hot = blackbody.chromaticity(np.array([2000.0, 12000.0]))

@@ -29,7 +29,7 @@ def test_frames(text, frames):
 
 @pytest.mark.parametrize("text", ["", "a", "1:", ":3", "1:2:3", "1x2", "1:5x", "1:5x-1", "1:5x0", "1,,2", "nan", "1e3"])
 def test_other_text_is_refused_in_a_sentence(text):
-    with pytest.raises(ValueError, match="^frames '") as error:
+    with pytest.raises(ValueError, match=r"^frames '") as error:
         parse_frames(text)
     assert "\n" not in str(error.value)
 

@@ -21,8 +21,10 @@ def test_names_and_flags_are_unique():
     assert len(set(flags)) == len(flags)
 
 
-@pytest.mark.parametrize("setting", [s for s in TABLE if s.minimum is not None or s.maximum is not None],
-                         ids=lambda s: s.name)  # fmt: skip
+LIMITED = [s for s in TABLE if s.minimum is not None or s.maximum is not None]
+
+
+@pytest.mark.parametrize("setting", LIMITED, ids=lambda s: s.name)
 def test_ranges_are_inclusive_and_end(setting):
     step = setting.step or 1
     for end, outwards in ((setting.minimum, -step), (setting.maximum, step)):
@@ -103,7 +105,7 @@ def test_replace_changes_a_copy():
     settings = Settings(steps=10)
     other = settings.replace(coefficients="14")
     assert (settings.coefficients, other.coefficients, other.steps) == (6, 14, 10)
-    with pytest.raises(ValueError, match="^coefficients: "):
+    with pytest.raises(ValueError, match=r"^coefficients: "):
         settings.replace(coefficients=3)
     with pytest.raises(ValueError, match="unknown setting"):
         settings.replace(colour=3)
