@@ -72,5 +72,5 @@ void main() {
         sum += reflected * arriving;
     }
 #endif
-    radiance = vec4(sum, 1.0);
+    radiance = vec4(sum, first_batch ? 1.0 : 0.0);  // batches are added, coverage counts once
 }
