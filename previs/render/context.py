@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Callable
 
 import moderngl
 
 from ..errors import PrevisError
+from .osmesa import OSMesaContext
 
 REQUIRED_VERSION = 330
+#: Environment variable that picks one of `BACKENDS` instead of trying them in order.
+BACKEND_VARIABLE = "PREVIS_GL"
 
 _REMEDY = {
-    "linux": "On Debian or Ubuntu: apt-get install --no-install-recommends libegl1 libgl1 (with software rendering).",
-    "darwin": "macOS brings OpenGL itself; run in a session with a window server.",
-    "win32": "Install the graphics driver, or Mesa's opengl32.dll for software rendering.",
+    "linux": "On Debian or Ubuntu: apt-get install --no-install-recommends libegl1 libgl1; "
+    "without root: pip install 'previs[osmesa]'",
+    "darwin": "macOS brings OpenGL itself: run in a session with a window server",
+    "win32": "Install the graphics driver, or Mesa's opengl32.dll for software rendering",
 }
 
 
@@ -26,23 +32,38 @@ def remedy() -> str:
     return _REMEDY.get(sys.platform, _REMEDY["linux"])
 
 
+def _egl() -> moderngl.Context:
+    return moderngl.create_standalone_context(require=REQUIRED_VERSION, backend="egl")
+
+
+def _platform() -> moderngl.Context:
+    return moderngl.create_standalone_context(require=REQUIRED_VERSION)
+
+
+def _osmesa() -> moderngl.Context:
+    return moderngl.create_context(require=REQUIRED_VERSION, context=OSMesaContext())
+
+
+#: Ways to a context, in the order in which they are tried.
+BACKENDS: dict[str, Callable[[], moderngl.Context]] = {"egl": _egl, "platform": _platform, "osmesa": _osmesa}
+
+
 def create_context() -> moderngl.Context:
-    """A new context without a window: EGL where there is one, else the platform's default.
+    """A new context without a window: EGL, then the platform's default, then Mesa as a library.
 
     Raises:
         ContextError: with what each way answered and what to install.
     """
+    wanted = os.environ.get(BACKEND_VARIABLE)
+    if wanted is not None and wanted not in BACKENDS:
+        raise ContextError(f"{BACKEND_VARIABLE}={wanted}: choose one of {', '.join(BACKENDS)}")
+    names = [wanted] if wanted else [n for n in BACKENDS if n == "platform" or sys.platform.startswith("linux")]
     attempts = []
-    backends: list[dict[str, str]] = [{"backend": "egl"}, {}] if sys.platform.startswith("linux") else [{}]
-    for backend in backends:
-        name = backend.get("backend", "default")
+    for name in names:
         try:
-            context = moderngl.create_standalone_context(require=REQUIRED_VERSION, **backend)
+            return BACKENDS[name]()
         except Exception as error:  # glcontext raises the builtin Exception and nothing more specific
             attempts.append(f"{name}: {error}")
-            continue
-        context.gc_mode = "auto"
-        return context
     raise ContextError(f"OpenGL 3.3 is not available ({'; '.join(attempts)}). {remedy()}")
 
 
