@@ -47,7 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
     parsed = build_parser().parse_args(arguments)
     try:
-        return parsed.run(parsed)
+        status = parsed.run(parsed)
+        # Here and not by the interpreter at its end, where a reader that went away cannot be caught.
+        sys.stdout.flush()
+        return status
     except PrevisError as error:
         print(f"previs {parsed.command}: {' '.join(str(error).split())}", file=sys.stderr)
         return 1

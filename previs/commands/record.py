@@ -60,9 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"previs record: {error}", file=sys.stderr)
         return 2
     check_format(arguments.output)
-    folder = Path(arguments.output).parent
-    if not folder.is_dir():
-        raise PrevisError(f"{arguments.output}: there is no folder {folder}")
+    # Said before the first frame, not after the last.
+    for file in (arguments.output, arguments.stats):
+        if file is not None and not Path(file).parent.is_dir():
+            raise PrevisError(f"{file}: there is no folder {Path(file).parent}")
     from ..index import RenderIndex
     from ..render.renderer import Renderer
 
