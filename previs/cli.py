@@ -34,18 +34,21 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="previs", description="A volumetric previewer for USD stages: smoke, clouds and fire, lit and shadowed."
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="|".join(_COMMANDS))
     for name, summary in _COMMANDS.items():
         module = importlib.import_module(f".commands.{name}", __package__)
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         module.add_arguments(command)
-        command.set_defaults(run=module.run)
+        command.set_defaults(run=module.run, parser=command)
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit status."""
-    parsed = build_parser().parse_args(arguments)
+    parsed, unknown = build_parser().parse_known_args(arguments)
+    if unknown:
+        # argparse itself would point to the help of previs, which lists no options of the command.
+        parsed.parser.error(f"unknown argument: {' '.join(unknown)}")
     try:
         status = parsed.run(parsed)
         # Here and not by the interpreter at its end, where a reader that went away cannot be caught.

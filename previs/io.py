@@ -34,7 +34,8 @@ def check_format(path: str | PathLike[str]) -> str:
     ending = Path(path).suffix.lower()
     if ending not in LINEAR_FORMATS + DISPLAY_FORMATS:
         known = ", ".join(LINEAR_FORMATS + DISPLAY_FORMATS)
-        raise PrevisError(f"{os.fspath(path)}: no format ends in {ending or 'nothing'!r}; use one of {known}")
+        what = f"no format ends in {ending!r}" if ending else "its name has no ending"
+        raise PrevisError(f"{os.fspath(path)}: {what}; use one of {known}")
     return ending
 
 
