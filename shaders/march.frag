@@ -191,65 +191,74 @@ void main() {
     if (!first_slice) transmittance = texelFetch(previous_transmittance, pixel, 0).rgb;
 #endif
     bool inside[VOLUME_COUNT];
-    int taken = 0;  // steps before the segment
-    // Between two neighbouring bounds the same volumes are marched through.
-    for (int segment = 0; segment < 2 * VOLUME_COUNT && cursor < end && taken < slice_end; ++segment) {
-        if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) {
-            transmittance = vec3(0.0);
-            break;
-        }
-        float next = end;
-        float length_of_step = 1e30;
-        bool any_inside = false;
-        for (int v = 0; v < VOLUME_COUNT; ++v) {
-            inside[v] = false;
-            if (spans[v].x >= spans[v].y) continue;
-            if (spans[v].x > cursor) next = min(next, spans[v].x);
-            if (spans[v].y > cursor) next = min(next, spans[v].y);
-            if (spans[v].x <= cursor && spans[v].y > cursor) {
-                inside[v] = any_inside = true;
-                length_of_step = min(length_of_step, volumes[v].atlas_offset.w);
-            }
-        }
-        if (any_inside) {
+    float next = cursor;  // end of the segment: between two neighbouring bounds the same volumes are marched through
+    int count = 0;        // steps of the segment
+    int n = 0;            // the segment's next step
 #if PROJECTIVE_STEPS
-            // Uniform steps in the projection of the only spot [TFM11 section 4.2], inside its cone; what lies before and
-            // behind the cone is not lit and takes one step each.
-            vec2 cone = cone_interval(cursor, next);
-            bool lit = cone.x < cone.y;
-            if (!lit) cone = vec2(cursor);
-            vec4 row = vec4(lights[0].shadow_matrix[0][0].w, lights[0].shadow_matrix[0][1].w,
-                            lights[0].shadow_matrix[0][2].w, lights[0].shadow_matrix[0][3].w);
-            float w0 = dot(row, vec4(ray.anchor + cone.x * ray.direction, 1.0));
-            float w1 = dot(row, vec4(ray.anchor + cone.y * ray.direction, 1.0));
-            int inner = lit ? max(int(ceil((cone.y - cone.x) / length_of_step)), PROJECTIVE_MINIMUM) : 0;
-            int count = inner + 2;
+    vec2 cone;
+    int inner;
+    float w0, w1;
 #else
-            int count = int(ceil((next - cursor) / length_of_step));
-            float h = (next - cursor) / float(count);
+    float h;
 #endif
-            for (int n = max(slice_begin - taken, 0); n < min(slice_end - taken, count); ++n) {
-#if PROJECTIVE_STEPS
-                if (n == 0 || n == count - 1) {
-                    float s0 = n == 0 ? cursor : cone.y;
-                    float s1 = n == 0 ? cone.x : next;
-                    if (s1 > s0) march_step(s0, s1, inside, false);
-                } else {
-                    float f0 = float(n - 1) / float(inner);
-                    float f1 = float(n) / float(inner);
-                    float span = cone.y - cone.x;
-                    float s0 = cone.x + span * f0 * w0 / (f0 * w0 + (1.0 - f0) * w1);
-                    float s1 = cone.x + span * f1 * w0 / (f1 * w0 + (1.0 - f1) * w1);
-                    march_step(s0, s1, inside, true);
+    // One loop over the steps of all segments. Steps nested in segments would let the pixels that a processor runs side by side,
+    // each in another segment, take many more iterations together than any takes alone.
+    for (int number = 0; number < slice_end; ++number, ++n) {
+        if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) break;
+        while (n == count && next < end) {
+            cursor = next;
+            next = end;
+            float length_of_step = 1e30;
+            bool any_inside = false;
+            for (int v = 0; v < VOLUME_COUNT; ++v) {
+                inside[v] = false;
+                if (spans[v].x >= spans[v].y) continue;
+                if (spans[v].x > cursor) next = min(next, spans[v].x);
+                if (spans[v].y > cursor) next = min(next, spans[v].y);
+                if (spans[v].x <= cursor && spans[v].y > cursor) {
+                    inside[v] = any_inside = true;
+                    length_of_step = min(length_of_step, volumes[v].atlas_offset.w);
                 }
-#else
-                march_step(cursor + float(n) * h, cursor + float(n + 1) * h, inside, true);
-#endif
-                if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) break;
             }
-            taken += count;
+            count = 0;
+            if (any_inside) {
+#if PROJECTIVE_STEPS
+                // Uniform steps in the projection of the only spot [TFM11 section 4.2], inside its cone; what lies before and
+                // behind the cone is not lit and takes one step each.
+                cone = cone_interval(cursor, next);
+                bool lit = cone.x < cone.y;
+                if (!lit) cone = vec2(cursor);
+                vec4 row = vec4(lights[0].shadow_matrix[0][0].w, lights[0].shadow_matrix[0][1].w,
+                                lights[0].shadow_matrix[0][2].w, lights[0].shadow_matrix[0][3].w);
+                w0 = dot(row, vec4(ray.anchor + cone.x * ray.direction, 1.0));
+                w1 = dot(row, vec4(ray.anchor + cone.y * ray.direction, 1.0));
+                inner = lit ? max(int(ceil((cone.y - cone.x) / length_of_step)), PROJECTIVE_MINIMUM) : 0;
+                count = inner + 2;
+#else
+                count = int(ceil((next - cursor) / length_of_step));
+                h = (next - cursor) / float(count);
+#endif
+            }
+            n = clamp(slice_begin - number, 0, count);
+            number += n;
         }
-        cursor = next;
+        if (n == count) break;
+#if PROJECTIVE_STEPS
+        if (n == 0 || n == count - 1) {
+            float s0 = n == 0 ? cursor : cone.y;
+            float s1 = n == 0 ? cone.x : next;
+            if (s1 > s0) march_step(s0, s1, inside, false);
+        } else {
+            float f0 = float(n - 1) / float(inner);
+            float f1 = float(n) / float(inner);
+            float span = cone.y - cone.x;
+            float s0 = cone.x + span * f0 * w0 / (f0 * w0 + (1.0 - f0) * w1);
+            float s1 = cone.x + span * f1 * w0 / (f1 * w0 + (1.0 - f1) * w1);
+            march_step(s0, s1, inside, true);
+        }
+#else
+        march_step(cursor + float(n) * h, cursor + float(n + 1) * h, inside, true);
+#endif
     }
     if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) transmittance = vec3(0.0);
     out_scattered = vec4(scattered, 1.0);

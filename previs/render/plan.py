@@ -293,7 +293,7 @@ def make_plan(
             (*(("surface",) if meshes else ()), *(("march",) if records else ())),
         )
     )
-    batches, slices = _draws(len(records), len(lights), settings)
+    batches, slices = _draws(len(records), len(grids), len(lights), settings)
     return Plan(
         width=width,
         height=height,
@@ -320,17 +320,21 @@ def _is_flat(volume: Volume) -> bool:
     return bool(np.any(np.asarray(hi) <= np.asarray(lo)))
 
 
-def _draws(volumes: int, lights: int, settings: Settings) -> tuple[tuple[range, ...], tuple[range, ...]]:
+def _draws(volumes: int, grids: int, lights: int, settings: Settings) -> tuple[tuple[range, ...], tuple[range, ...]]:
     """How a march is cut into draws: ranges of lights, and ranges of the steps of a ray."""
     volumes = max(volumes, 1)
-    per_light = 8 + volumes * (settings.light_steps + 1 if settings.transmittance == "march" else 1)
+    # The search for a shadow's edge, the phase functions, and the way to the light.
+    per_light = 20 + 2 * volumes + (grids * (settings.light_steps + 1) if settings.transmittance == "march" else 0)
     most = min(MAX_LIGHTS_PER_BATCH, MAX_PAIRS_PER_BATCH // volumes, LOOP_BUDGET // per_light)
     size = max(1, most)
     batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
-    # A ray takes no more steps than it would in every volume apart, and two more per volume for their ends.
-    steps = volumes * (settings.steps + 2) + 2
-    per_step = 1 + volumes + max(len(b) for b in batches) * per_light
-    length = max(1, LOOP_BUDGET // per_step)
+    # A ray takes no more steps than it would in every volume apart, and one more for each of its segments; in a spot's
+    # projection a segment has a least number of steps.
+    segments = 2 * volumes
+    steps = volumes * settings.steps + segments * (3 + settings.steps // 4 * (grids == 0))
+    # A step may begin a segment, behind a gap; finding the first one passes all that lie before it.
+    per_step = 3 * (volumes + 1) + max(len(b) for b in batches) * per_light
+    length = max(1, (LOOP_BUDGET - segments * (volumes + 2)) // per_step)
     slices = tuple(range(i, min(i + length, steps)) for i in range(0, steps, length))
     return batches, slices
 
