@@ -18,9 +18,9 @@ float phase_hg(float g, float cosine) {
     return (1.0 - g * g) / (4.0 * PI * denominator * sqrt(denominator));
 }
 
-// Schlick's rational fit [RTR4] eq. 14.11, with the sign for this angle.
+// Schlick's rational fit [RTR4] eq. 14.11, with the sign for this angle. The fit of k leaves [-1, 1] for |g| in (0.938, 1).
 float phase_schlick(float g, float cosine) {
-    float k = 1.55 * g - 0.55 * g * g * g;
+    float k = clamp(1.55 * g - 0.55 * g * g * g, -0.999, 0.999);
     float d = 1.0 - k * cosine;
     return (1.0 - k * k) / (4.0 * PI * d * d);
 }
