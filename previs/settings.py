@@ -125,7 +125,7 @@ TABLE: tuple[Setting, ...] = (
     ),
     Setting(
         "threshold",
-        0.002,
+        0.01,
         "Transmittance below which the adaptive range of a map ends, judged for the weakest colour channel [ATFM12].",
         "light_maps",
         minimum=1e-6,

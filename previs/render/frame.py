@@ -50,9 +50,8 @@ class Frame:
     `progress` is called with a fraction in [0, 1] during passes that can be long; it may raise to stop the frame.
     """
 
-    def __init__(self, context: moderngl.Context, texture_limit: int) -> None:
+    def __init__(self, context: moderngl.Context) -> None:
         self.context = context
-        self.texture_limit = texture_limit
         # moderngl binds the last used framebuffer again after making one, and must not find it released.
         self._idle = context.simple_framebuffer((1, 1))
         self.shaders = ShaderCache(context, UNITS)

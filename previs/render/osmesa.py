@@ -1,7 +1,7 @@
 """Off-screen Mesa as a shared library: OpenGL on the processor for machines that have no GL installed at all.
 
-The library comes from the system (libOSMesa) or from the `lavavu-osmesa` wheel, which bundles Mesa with its LLVM. The object
-made here is what moderngl asks of a context: `load` finds GL functions, entering makes it current.
+The library comes from the system (libOSMesa) or from the `lavavu-osmesa` wheel, which bundles Mesa with its LLVM.
+The object made here is what moderngl asks of a context: `load` finds GL functions, entering makes it current.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from ..description import (
 from ..errors import PrevisError
 from ..index import RenderIndex, camera_key
 from ..settings import Settings
-from .fields import DEFAULT_TEXTURE_LIMIT, field_dims, is_vector, planned_reduction
+from .fields import field_dims, is_vector, planned_reduction
 from .projection import (
     MAP_KINDS,
     SHADOW_KINDS,
@@ -48,10 +48,19 @@ MAX_VOLUMES = 128
 MAX_LIGHTS_PER_BATCH = 64
 #: Pairs of light and volume whose map parameters fit a uniform block of 64 KiB.
 MAX_PAIRS_PER_BATCH = 512
-MAX_ATLAS_SIZE = 16384
+#: Texture memory that all shadow maps, and all transmittance maps, may take together; beyond it they get coarser.
+ATLAS_MEMORY = 2**30
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
 #: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
 LOOP_BUDGET = 50_000
+
+
+@dataclass(frozen=True)
+class DeviceLimits:
+    """What a device can do, as far as plans depend on it: edges of textures. The defaults are those of most in use."""
+
+    texture_size: int = 16384
+    texture_3d_size: int = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +120,9 @@ class Plan:
     ambient: tuple[float, float, float]
     maps: tuple[PlannedMap, ...]
     map_size: int
+    shadow_size: int
     shadow_tiles: int
+    limits: DeviceLimits
     batches: tuple[range, ...]
     slices: tuple[range, ...]
     defines: Mapping[str, Any]
@@ -120,7 +131,7 @@ class Plan:
 
     def atlas_columns(self, tile_size: int) -> int:
         """Tiles side by side in an atlas of tiles of that size."""
-        return max(MAX_ATLAS_SIZE // max(tile_size, 1), 1)
+        return max(self.limits.texture_size // max(tile_size, 1), 1)
 
     def describe(self) -> str:
         """The plan as text: a line per pass with its reason, resolution and memory."""
@@ -153,7 +164,7 @@ def make_plan(
     height: int,
     settings: Settings,
     shift: tuple[float, float] = (0.0, 0.0),
-    texture_limit: int = DEFAULT_TEXTURE_LIMIT,
+    limits: DeviceLimits | None = None,
 ) -> Plan:
     """Plan one frame.
 
@@ -163,11 +174,12 @@ def make_plan(
         width, height: image size in pixels.
         settings: the knobs.
         shift: offset of the samples from the pixel centres, in pixels.
-        texture_limit: largest edge of a 3D texture on the device.
+        limits: of the device; None takes the defaults.
 
     Raises:
         PrevisError: when the scene holds more volumes than a frame can march through.
     """
+    limits = limits or DeviceLimits()
     scene = index.scene
     meshes = list(index.meshes.values())
     notes: list[Note] = []
@@ -204,7 +216,7 @@ def make_plan(
     if fields:
         size = 0
         for volume, f in fields:
-            factor = planned_reduction(f, memory, texture_limit)
+            factor = planned_reduction(f, memory, limits.texture_3d_size)
             size += int(np.prod(field_dims(f) // factor + 3)) * (8 if is_vector(f) else 2)
             if factor > 1:
                 dims = "×".join(str(d) for d in field_dims(f))
@@ -219,8 +231,9 @@ def make_plan(
         why = f"{_count(len(fields), 'field')} of voxels"
         passes.append(PlannedPass("fields", "fields", why, (), size, (keys, memory), payload=records))
 
-    planned_lights, shadow_tiles = _plan_shadows(volumes, lights, meshes, settings, passes)
-    size = _map_size(records, grids, settings) if grids else 0
+    planned_lights, shadow_size, shadow_tiles = _plan_shadows(volumes, lights, meshes, settings, limits, passes, notes)
+    casting = sum(e.record.casts_shadows for e in lights)
+    size = _map_size(records, grids, casting, settings, limits, notes) if grids else 0
     maps = _plan_maps(volumes, grids, lights, settings, size, passes) if method != "march" else ()
 
     view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
@@ -306,7 +319,9 @@ def make_plan(
         ambient=ambient,
         maps=maps,
         map_size=size,
+        shadow_size=shadow_size,
         shadow_tiles=shadow_tiles,
+        limits=limits,
         batches=batches,
         slices=slices,
         defines=defines,
@@ -343,21 +358,38 @@ def _corner_points(boxes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     return np.concatenate([box_corners(*b) for b in boxes]) if boxes else np.zeros((0, 3))
 
 
-def _plan_shadows(volumes, lights, meshes, settings: Settings, passes: list[PlannedPass]):
-    """A shadow map for every light that meshes can keep from something; (planned lights, tiles used)."""
+def fitting_size(wanted: int, tiles: int, bytes_per_texel: int, limits: DeviceLimits) -> int:
+    """The size of square tiles, halved from the wanted one until all fit one atlas and the memory for it."""
+    size = min(wanted, limits.texture_size)
+    while size > 16 and (
+        tiles > (limits.texture_size // size) ** 2 or tiles * size * size * bytes_per_texel > ATLAS_MEMORY
+    ):
+        size //= 2
+    return size
+
+
+def _plan_shadows(volumes, lights, meshes, settings: Settings, limits: DeviceLimits, passes, notes):
+    """A shadow map for every light that meshes can keep from something; (planned lights, texels of a face, faces)."""
     mesh_boxes = [b for e in meshes if (b := mesh_world_bounds(e.record)) is not None]
     media = _corner_points([volume_world_bounds(e.record) for e in volumes])
     casters = _corner_points(mesh_boxes)
     receivers = np.concatenate([casters, media])
     shapes = tuple((e.record.path, e.versions["shape"]) for e in meshes)
+    fits = [
+        shadow_fit(e.record, casters, receivers, media) if len(casters) and e.record.casts_shadows else None
+        for e in lights
+    ]
+    faces = sum(len(fit.matrices) for fit in fits if fit is not None)
+    size = fitting_size(settings.shadow_map_size, faces, 4, limits)
+    if size < settings.shadow_map_size:
+        message = f"{_count(faces, 'face')} of shadow maps are drawn with {size}² texels to fit"
+        notes.append(Note("approximated", lights[0].record.path, message))
     planned, tiles = [], 0
-    for e in lights:
+    for e, fit in zip(lights, fits, strict=True):
         light = e.record
-        if not len(casters) or not light.casts_shadows:
+        if fit is None:
             planned.append(PlannedLight(light, None, 0))
             continue
-        fit = shadow_fit(light, casters, receivers, media)
-        size = settings.shadow_map_size
         planned.append(PlannedLight(light, fit, tiles))
         passes.append(
             PlannedPass(
@@ -371,15 +403,21 @@ def _plan_shadows(volumes, lights, meshes, settings: Settings, passes: list[Plan
             )
         )
         tiles += len(fit.matrices)
-    return tuple(planned), tiles
+    return tuple(planned), size, tiles
 
 
-def _map_size(volumes, grids: list[int], settings: Settings) -> int:
-    """Texels along a map's side: as asked, or fine enough to see every voxel."""
-    if settings.map_size:
-        return settings.map_size
-    longest = max(int(field_dims(volumes[i].density).max()) for i in grids)
-    return int(np.clip(-(-longest * 3 // 2 // 32) * 32, 64, 512))
+def _map_size(volumes, grids: list[int], lights: int, settings: Settings, limits: DeviceLimits, notes) -> int:
+    """Texels along a map's side: as asked, or fine enough to see every voxel; less where too many maps are needed."""
+    wanted = settings.map_size
+    if not wanted:
+        longest = max(int(field_dims(volumes[i].density).max()) for i in grids)
+        wanted = int(np.clip(-(-longest * 3 // 2 // 32) * 32, 64, 512))
+    bytes_per_texel = 8 + 8 * map_layers(settings.coefficients)
+    size = fitting_size(wanted, len(grids) * lights, bytes_per_texel, limits)
+    if size < wanted:
+        message = f"{_count(len(grids) * lights, 'transmittance map')} have {size}² texels to fit"
+        notes.append(Note("approximated", volumes[grids[0]].path, message))
+    return size
 
 
 def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int, passes: list[PlannedPass]):

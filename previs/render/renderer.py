@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Hashable
-from typing import Any
 
 import moderngl
 import numpy as np
@@ -18,7 +17,7 @@ from ..settings import Settings
 from .context import check_errors, create_context
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
-from .plan import Plan, make_plan
+from .plan import DeviceLimits, Plan, make_plan
 
 
 class Renderer:
@@ -39,8 +38,11 @@ class Renderer:
         self.context = context or create_context()
         with self.context:
             # Asked once: outside a frame the context is not current, and a query would return nothing.
-            self.info: dict[str, Any] = dict(self.context.info)
-            self._frame = Frame(self.context, self.info["GL_MAX_3D_TEXTURE_SIZE"])
+            info = self.context.info
+            self._frame = Frame(self.context)
+        self.device: str = info["GL_RENDERER"]
+        texture_size = min(info["GL_MAX_TEXTURE_SIZE"], *info["GL_MAX_VIEWPORT_DIMS"][:2])
+        self.limits = DeviceLimits(texture_size, info["GL_MAX_3D_TEXTURE_SIZE"])
         self._states: dict[str, tuple[Hashable, int]] = {}
         self._serial = itertools.count(1)
         #: Names of the passes that ran in the last frame, in order.
@@ -54,11 +56,7 @@ class Renderer:
 
     def plan(self, index: RenderIndex, camera: Camera, width: int, height: int, settings: Settings) -> Plan:
         """The plan of a frame on this device; see `make_plan`."""
-        return make_plan(index, camera, width, height, settings, texture_limit=self._texture_limit)
-
-    @property
-    def _texture_limit(self) -> int:
-        return self.info["GL_MAX_3D_TEXTURE_SIZE"]
+        return make_plan(index, camera, width, height, settings, limits=self.limits)
 
     def render(
         self,
@@ -87,7 +85,7 @@ class Renderer:
         """
         settings = settings or Settings()
         width, height = size
-        limit = min(self.info["GL_MAX_TEXTURE_SIZE"], self.info["GL_MAX_VIEWPORT_DIMS"][0])
+        limit = self.limits.texture_size
         if not (0 < width <= limit and 0 < height <= limit):
             raise PrevisError(f"image of {width}×{height} pixels: this device draws from 1×1 to {limit}×{limit}")
         started = time.perf_counter()
@@ -102,7 +100,7 @@ class Renderer:
                 if progress is not None:
                     progress((number + fraction) / len(shifts))
 
-            plan = make_plan(index, camera, width, height, settings, shift, self._texture_limit)
+            plan = make_plan(index, camera, width, height, settings, shift, self.limits)
             self.draw(plan, report, times)
             planes = self._read(plan)
             if not total:
@@ -122,7 +120,7 @@ class Renderer:
             "times": times,
             "seconds": time.perf_counter() - started,
             "memory": sum(p.memory for p in plan.passes),
-            "device": self.info["GL_RENDERER"],
+            "device": self.device,
             "settings": dict(settings),
             "notes": [str(n) for n in (*index.notes, *plan.notes)],
         }

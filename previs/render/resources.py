@@ -197,7 +197,7 @@ class ShadowAtlas:
 
     def update(self, plan: Plan) -> bool:
         """Make the texture for a plan; True when it is new."""
-        tile = plan.settings.shadow_map_size
+        tile = plan.shadow_size
         columns = self.columns(plan)
         size = (columns * tile, -(-plan.shadow_tiles // columns) * tile)
         if size == self._shape:
@@ -214,14 +214,14 @@ class ShadowAtlas:
     @staticmethod
     def columns(plan: Plan) -> int:
         """Tiles side by side: a near-square atlas wastes the least."""
-        widest = plan.atlas_columns(plan.settings.shadow_map_size)
+        widest = plan.atlas_columns(plan.shadow_size)
         return max(1, min(widest, int(np.ceil(np.sqrt(plan.shadow_tiles)))))
 
     def tiling(self, plan: Plan) -> tuple[float, float, float, float]:
         """The `shadow_tiling` uniform."""
         columns = self.columns(plan)
         rows = -(-plan.shadow_tiles // columns)
-        return (1.0 / columns, 1.0 / rows, float(columns), 0.5 / plan.settings.shadow_map_size)
+        return (1.0 / columns, 1.0 / rows, float(columns), 0.5 / plan.shadow_size)
 
     def release(self) -> None:
         """Free the texture."""

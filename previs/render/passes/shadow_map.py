@@ -16,7 +16,7 @@ def run_shadow_map(frame: Frame, planned: PlannedPass) -> None:
     fit = light.shadow
     frame.meshes.update(plan.meshes, plan.origin)
     program = frame.shaders.get("shadow_map.vert", "shadow_map.frag")
-    tile, columns = plan.settings.shadow_map_size, frame.shadows.columns(plan)
+    tile, columns = plan.shadow_size, frame.shadows.columns(plan)
     program.set(
         light_position=tuple(fit.position - plan.origin),
         light_far=fit.far,
