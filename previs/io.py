@@ -23,6 +23,8 @@ COLOR_CORRECTIONS = ("disabled", "sRGB", "openColorIO")
 EXPOSURE_LIMIT = 64.0
 #: Share of the light that may clip under automatic exposure, and the level it is put at.
 _AUTO_PERCENTILE, _AUTO_LEVEL = 99.0, 0.8
+#: Beyond this automatic exposure would lift the rounding errors of a black picture.
+_AUTO_LIMIT = 32.0
 
 
 def check_format(path: str | PathLike[str]) -> str:
@@ -46,7 +48,7 @@ def auto_exposure(color: np.ndarray) -> float:
     if lit.size == 0:
         return 0.0
     level = float(np.percentile(lit, _AUTO_PERCENTILE))
-    return float(np.clip(np.log2(_AUTO_LEVEL / level), -EXPOSURE_LIMIT, EXPOSURE_LIMIT)) if level > 0.0 else 0.0
+    return float(np.clip(np.log2(_AUTO_LEVEL / level), -_AUTO_LIMIT, _AUTO_LIMIT)) if level > 0.0 else 0.0
 
 
 def parse_exposure(value: float | str) -> float | str:

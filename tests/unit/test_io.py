@@ -99,6 +99,10 @@ def test_automatic_exposure_of_a_dark_or_broken_picture_is_none(value):
     assert auto_exposure(np.full((4, 4, 3), value)) == 0.0
 
 
+def test_automatic_exposure_does_not_show_rounding_errors():
+    assert display(np.full((4, 4, 3), 1e-15), "auto").max() < 1 / 255
+
+
 # --- files --------------------------------------------------------------------------------------------------------
 
 
