@@ -1,0 +1,199 @@
+"""An edit runs the passes that depend on it and no others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from building import box_mesh, camera, distant, index_of, point, scene, smooth_noise, translation, volume
+
+import previs
+from previs import Medium, Settings
+from previs.description import SceneDescription, Surface
+
+pytestmark = pytest.mark.gl
+
+NOISE = smooth_noise((8, 8, 8))
+VIEW = camera((0.5, 1.0, 6.0))
+SETTINGS = Settings(steps=16, light_steps=16, shadow_map_size=64, map_size=16)
+SUN_MAPS = {"transmittance_map /Sun > /A", "transmittance_map /Sun > /B"}
+POINT_MAPS = {"transmittance_map /Point > /A", "transmittance_map /Point > /B"}
+SHADOWS = {"shadow_map /Sun", "shadow_map /Point"}
+LIT = {"surface", "march", "composite"}
+ALL = {"fields", "gbuffer"} | SHADOWS | SUN_MAPS | POINT_MAPS | LIT
+
+
+def start() -> SceneDescription:
+    return scene(
+        volume(NOISE, Medium(), translation(-1.1, 0, 0), "/A"),
+        volume(NOISE, Medium(), translation(1.1, 0, 0), "/B"),
+        box_mesh((-0.5, -2.0, -0.5), (0.5, -1.5, 0.5), path="/Mesh"),
+        distant((0.1, -1.0, 0.2)),
+        point((0.0, 3.0, 1.0), (3.0, 3.0, 3.0)),
+    )
+
+
+def edited(kind: str, path: str, **values) -> SceneDescription:
+    description = start()
+    records = getattr(description, kind)
+    records[path] = replace(records[path], **values)
+    return description
+
+
+class Session:
+    """A renderer that follows one scene."""
+
+    def __init__(self, renderer: previs.Renderer) -> None:
+        self.renderer = renderer
+        self.index = index_of(start())
+        self.ran()
+
+    def ran(self, description: SceneDescription | None = None, view=VIEW, size=(16, 9), settings=SETTINGS) -> set[str]:
+        """What one more frame ran; every pass at most once, and its picture is that of a fresh start."""
+        if description is not None:
+            self.index.update(description)
+        image = self.renderer.render(self.index, view, size, settings)
+        executed = list(self.renderer.executed)
+        assert len(executed) == len(set(executed))
+        assert list(image.stats["executed"]) == executed
+        assert set(image.stats["times"]) == set(executed)
+        fresh = self.renderer.render(index_of(self.index.scene), view, size, settings)
+        assert np.array_equal(image.color, fresh.color)
+        # The fresh start took the renderer's memory with it: fill it again.
+        self.renderer.render(self.index, view, size, settings)
+        return set(executed)
+
+
+@pytest.fixture
+def session(renderer: previs.Renderer) -> Session:
+    return Session(renderer)
+
+
+def test_first_frame_runs_everything(renderer: previs.Renderer) -> None:
+    """In an order in which no pass comes before what it reads."""
+    index = index_of(start())
+    renderer.render(index, VIEW, (16, 9), SETTINGS)
+    assert set(renderer.executed) == ALL
+    plan = renderer.plan(index, VIEW, 16, 9, SETTINGS)
+    assert renderer.executed == [p.name for p in plan.passes]
+
+
+def test_no_change_runs_nothing(session: Session) -> None:
+    assert session.ran() == set()
+
+
+def test_an_equal_description_runs_nothing(session: Session) -> None:
+    """Records made anew with the same content are the same scene."""
+    assert session.ran(start()) == set()
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"albedo": (0.5, 0.6, 0.7)}, {"anisotropy": 0.4}, {"phase": "rayleigh"}, {"emission": (1.0, 0.5, 0.0)}],
+)
+def test_scattering_edit(session: Session, values) -> None:
+    """Albedo, phase and emission are only marched through; the lit meshes stay."""
+    assert session.ran(edited("volumes", "/A", medium=Medium(**values))) == {"march", "composite"}
+
+
+@pytest.mark.parametrize("values", [{"extinction": (2.0, 2.0, 2.0)}, {"density_scale": 0.5}])
+def test_extinction_edit(session: Session, values) -> None:
+    """The maps of that volume, and whatever its shadow falls on."""
+    expected = {"transmittance_map /Sun > /A", "transmittance_map /Point > /A"} | LIT
+    assert session.ran(edited("volumes", "/A", medium=Medium(**values))) == expected
+
+
+def test_light_colour_edit(session: Session) -> None:
+    """No map knows a colour."""
+    assert session.ran(edited("lights", "/Sun", strength=(2.0, 1.0, 0.5))) == LIT
+
+
+def test_light_move(session: Session) -> None:
+    """Its own shadow map and transmittance maps, not the other light's."""
+    moved = start().lights["/Point"].light_to_world @ translation(0.5, 0.2, 0.1)
+    expected = {"shadow_map /Point"} | POINT_MAPS | LIT
+    assert session.ran(edited("lights", "/Point", light_to_world=moved)) == expected
+
+
+def test_mesh_move(session: Session) -> None:
+    """Shadow maps of all lights and the G-buffer; transmittance maps hold no meshes."""
+    moved = translation(0.1, 0.0, 0.2)[None]
+    assert session.ran(edited("meshes", "/Mesh", local_to_world=moved)) == SHADOWS | {"gbuffer"} | LIT
+
+
+def test_surface_edit(session: Session) -> None:
+    """A colour of a mesh: what is seen of it, not the shadow it casts, and not the media."""
+    assert session.ran(edited("meshes", "/Mesh", surface=Surface((0.9, 0.1, 0.1)))) >= {
+        "gbuffer",
+        "surface",
+        "composite",
+    }
+    assert not session.ran(edited("meshes", "/Mesh", surface=Surface((0.1, 0.9, 0.1)))) & (
+        SHADOWS | SUN_MAPS | POINT_MAPS
+    )
+
+
+def test_volume_move(session: Session) -> None:
+    """Its maps of both lights; shadow maps are fitted to the media too and may follow."""
+    ran = session.ran(edited("volumes", "/A", local_to_world=translation(-1.2, 0.1, 0.0)))
+    assert {"transmittance_map /Sun > /A", "transmittance_map /Point > /A"} | LIT <= ran
+    assert not ran & {"transmittance_map /Sun > /B", "transmittance_map /Point > /B"}
+
+
+def test_voxel_edit(session: Session) -> None:
+    """New voxels are uploaded, and only the maps of their volume made again."""
+    other = volume(NOISE[::-1], Medium()).density
+    ran = session.ran(edited("volumes", "/A", density=other))
+    assert {"fields", "transmittance_map /Sun > /A", "transmittance_map /Point > /A"} | LIT <= ran
+    assert not ran & SHADOWS
+
+
+def test_camera_move(session: Session) -> None:
+    assert session.ran(view=camera((0.7, 1.0, 6.0))) == {"gbuffer"} | LIT
+
+
+def test_image_size(session: Session) -> None:
+    assert session.ran(size=(20, 10)) == {"gbuffer"} | LIT
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"steps": 24}, {"march", "composite"}),
+        ({"opacity_cutoff": 1e-3}, {"march", "composite"}),
+        ({"ambient": 0.2}, LIT),
+        ({"map_filter": "nearest"}, LIT),
+        ({"light_steps": 24}, SUN_MAPS | POINT_MAPS | LIT),
+        ({"threshold": 0.01}, SUN_MAPS | POINT_MAPS | LIT),
+        ({"map_size": 24}, SUN_MAPS | POINT_MAPS | LIT),
+        ({"coefficients": 8}, SUN_MAPS | POINT_MAPS | LIT),
+        ({"shadow_map_size": 32}, SHADOWS | LIT),
+        ({"transmittance": "march"}, LIT),
+    ],
+)
+def test_settings(session: Session, values, expected: set[str]) -> None:
+    """A knob runs what it says in the table of settings that it invalidates, and what depends on that."""
+    assert session.ran(settings=SETTINGS.replace(**values)) == expected
+
+
+def test_a_light_more_and_a_light_less(session: Session) -> None:
+    """The light that stays keeps its transmittance maps where they keep their place."""
+    more = start()
+    more.lights["/Third"] = point((2.0, 3.0, 1.0), path="/Third")
+    ran = session.ran(more)
+    assert {"shadow_map /Third", "transmittance_map /Third > /A", "transmittance_map /Third > /B"} | LIT <= ran
+    assert session.ran(start()) >= LIT
+
+
+def test_a_failed_frame_runs_again(session: Session) -> None:
+    """A frame that its progress callback stops leaves nothing half done."""
+
+    class Stop(Exception):
+        pass
+
+    def stop(_: float) -> None:
+        raise Stop
+
+    settings = SETTINGS.replace(transmittance="march", steps=512, light_steps=512)
+    with pytest.raises(Stop):
+        session.renderer.render(session.index, VIEW, (16, 9), settings, progress=stop)
+    assert {"march", "composite"} <= session.ran(settings=settings)
