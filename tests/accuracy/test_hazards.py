@@ -209,7 +209,7 @@ def test_a_far_light(renderer: previs.Renderer) -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_lights_in_awkward_places(renderer: previs.Renderer, method: str) -> None:
-    """On the boundary of a volume, on a mesh, behind it: lit. Enclosed by a mesh: dark but for a sliver at its faces."""
+    """On the boundary of a volume, on a mesh, behind it: lit. Inside a closed mesh: dark but for a sliver at it."""
     cloud = volume(GRID, fog(2.0))
     shell = box_mesh((-0.2,) * 3, (0.2,) * 3)
     for position in ((1.0, 0.0, 0.0), (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (-0.4, -0.3, -1.8)):

@@ -163,7 +163,7 @@ def test_image_size(session: Session) -> None:
         ({"ambient": 0.2}, LIT),
         ({"map_filter": "nearest"}, LIT),
         ({"light_steps": 24}, SUN_MAPS | POINT_MAPS | LIT),
-        ({"threshold": 0.01}, SUN_MAPS | POINT_MAPS | LIT),
+        ({"threshold": 0.05}, SUN_MAPS | POINT_MAPS | LIT),
         ({"map_size": 24}, SUN_MAPS | POINT_MAPS | LIT),
         ({"coefficients": 8}, SUN_MAPS | POINT_MAPS | LIT),
         ({"shadow_map_size": 32}, SHADOWS | LIT),
