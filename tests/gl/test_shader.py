@@ -1,0 +1,210 @@
+"""Shaders from files: includes, defines, errors that name file and line, and every variant that a plan can ask for."""
+
+from pathlib import Path
+
+import pytest
+from building import box, box_mesh, camera, capsule, distant, index_of, point, scene, smooth_noise, sphere, spot, volume
+
+import previs
+from previs import Medium, Settings
+from previs.render import shader
+from previs.render.shader import Program, ShaderError, compose, shader_folder
+
+VERTEX = "void main() { gl_Position = vec4(0.0); }\n"
+
+
+def write(folder: Path, **files: str) -> Path:
+    for name, text in files.items():
+        (folder / f"{name}.glsl").write_text(text)
+    return folder
+
+
+def body(text: str) -> list[str]:
+    """The lines of a composed shader that are neither version, defines nor line numbers."""
+    return [line for line in text.splitlines() if line and not line.startswith(("#version", "#define", "#line"))]
+
+
+def test_defines_come_first(tmp_path: Path) -> None:
+    """As GLSL literals, after the version."""
+    write(tmp_path, main="float x = SCALE;\n")
+    text = compose("main.glsl", {"SCALE": 2.0, "COUNT": 3, "ON": True, "OFF": False}, tmp_path).text
+    assert text.splitlines()[:5] == [
+        "#version 330 core",
+        "#define COUNT 3",
+        "#define OFF 0",
+        "#define ON 1",
+        "#define SCALE 2.0",
+    ]
+
+
+def test_a_file_is_included_once(tmp_path: Path) -> None:
+    """However many files ask for it; also one that includes itself."""
+    write(tmp_path, a='#include "c.glsl"\nint a;\n', b='#include "c.glsl"\nint b;\n', c='#include "c.glsl"\nint c;\n')
+    write(tmp_path, main='#include "a.glsl"\n#include "b.glsl"\nint m;\n')
+    source = compose("main.glsl", {}, tmp_path)
+    assert body(source.text) == ["int c;", "int a;", "int b;", "int m;"]
+    assert source.files == ("main.glsl", "a.glsl", "c.glsl", "b.glsl")
+
+
+def test_a_missing_file_is_named_with_who_wants_it(tmp_path: Path) -> None:
+    write(tmp_path, main='\n#include "gone.glsl"\n')
+    with pytest.raises(ShaderError, match=r"^main\.glsl:2: no shader file 'gone\.glsl'"):
+        compose("main.glsl", {}, tmp_path)
+    with pytest.raises(ShaderError, match=r"no shader file 'absent\.frag'"):
+        compose("absent.frag", {}, tmp_path)
+
+
+def test_includes_end_somewhere(tmp_path: Path) -> None:
+    """A chain longer than the limit is refused; one of exactly the limit is not."""
+    names = [f"f{i}" for i in range(10)]
+    for name, following in zip(names, names[1:], strict=False):
+        write(tmp_path, **{name: f'#include "{following}.glsl"\n'})
+    write(tmp_path, f9="int x;\n")
+    with pytest.raises(ShaderError, match="nested more than 8 deep"):
+        compose("f0.glsl", {}, tmp_path)
+    assert body(compose("f1.glsl", {}, tmp_path).text) == ["int x;"]
+
+
+@pytest.mark.parametrize(
+    "condition", ["#if HAS_NOTHING", "#if 1 && (HAS_NOTHING > 2)", "#if 0\n#elif HAS_NOTHING == 1"]
+)
+def test_a_tested_name_that_is_not_defined(tmp_path: Path, condition: str) -> None:
+    """GLSL would take it for 0; here it is named, with file and line."""
+    write(tmp_path, main='int x;\n#include "part.glsl"\n', part=f"int y;\n{condition}\n#endif\n")
+    line = 2 + condition.count("\n")
+    with pytest.raises(ShaderError, match=rf"^part\.glsl:{line}: HAS_NOTHING is tested but not defined"):
+        compose("main.glsl", {"OTHER": 1}, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text", ["#if KNOWN", "#define LOCAL 1\n#if LOCAL", "#if defined(WHATEVER)", "#ifdef WHATEVER", "#if 1 // WORD"]
+)
+def test_names_that_may_be_tested(tmp_path: Path, text: str) -> None:
+    """Given ones, ones that the shader defines, and questions whether a name is defined."""
+    write(tmp_path, main=f"{text}\nint x;\n#endif\n")
+    assert "int x;" in compose("main.glsl", {"KNOWN": 0}, tmp_path).text
+
+
+@pytest.mark.gl
+def test_a_compile_error_names_the_included_file_and_line(
+    renderer: previs.Renderer, tmp_path: Path, monkeypatch
+) -> None:
+    """Not the line of the composed text."""
+    write(tmp_path, first="float one() {\n    return 1.0;\n}\n", second="\n\nfloat two() { return nonsense; }\n")
+    (tmp_path / "vertex.vert").write_text(VERTEX)
+    (tmp_path / "main.frag").write_text(
+        'out vec4 c;\n#include "first.glsl"\n#include "second.glsl"\nvoid main() { c = vec4(one() + two()); }\n'
+    )
+    monkeypatch.setattr(shader, "shader_folder", lambda: tmp_path)
+    with renderer.context, pytest.raises(ShaderError, match=r"second\.glsl:3\b") as error:
+        Program(renderer.context, "vertex.vert", "main.frag", {})
+    assert "nonsense" in str(error.value)
+
+
+@pytest.mark.gl
+def test_lines_after_an_include_are_counted_right(renderer: previs.Renderer, tmp_path: Path, monkeypatch) -> None:
+    """An error below an include, and one in the vertex shader, name their own files and lines."""
+    write(tmp_path, first="float one() {\n    return 1.0;\n}\n")
+    (tmp_path / "good.vert").write_text(VERTEX)
+    (tmp_path / "bad.vert").write_text("\nvoid main() { gl_Position = vec4(wrong); }\n")
+    (tmp_path / "bad.frag").write_text('out vec4 c;\n#include "first.glsl"\n\nvoid main() { c = vec4(nonsense); }\n')
+    (tmp_path / "good.frag").write_text("out vec4 c;\nvoid main() { c = vec4(1.0); }\n")
+    monkeypatch.setattr(shader, "shader_folder", lambda: tmp_path)
+    with renderer.context:
+        with pytest.raises(ShaderError, match=r"bad\.frag:4\b"):
+            Program(renderer.context, "good.vert", "bad.frag", {})
+        with pytest.raises(ShaderError, match=r"bad\.vert:2\b"):
+            Program(renderer.context, "bad.vert", "good.frag", {})
+
+
+@pytest.mark.gl
+def test_the_source_can_be_read(renderer: previs.Renderer, monkeypatch, capsys) -> None:
+    """With PREVIS_SHADER_SOURCE=1 numbered sources go to stderr; otherwise nothing does."""
+    for value in ("0", "1"):
+        monkeypatch.setenv("PREVIS_SHADER_SOURCE", value)
+        with renderer.context:
+            Program(renderer.context, "fullscreen.vert", "composite.frag", COMPOSITE).release()
+        shown = capsys.readouterr().err
+        assert ("    1  #version 330 core" in shown) == (value == "1")
+
+
+COMPOSITE = {"HAS_MEDIA": True, "HAS_MESHES": True, "HAS_EMISSION": True}
+NOISE = smooth_noise((4, 4, 4))
+GLOWING = Medium(emission=(1.0, 1.0, 1.0))
+MESH = box_mesh((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2))
+SHINY = box_mesh((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2), path="/Shiny", specular=True, emissive_color=(1.0, 0.0, 0.0))
+RED = Medium(extinction=(1.0, 2.0, 3.0), phase="schlick", anisotropy=0.3)
+SUN, LAMP, SPOT = distant((0, -1, 0)), point((0, 2, 0)), spot((0, 2, 0), (0, 0, 0))
+RECT = spot((0, 2, 0), (0, 0, 0), kind="rect", shaped=False, path="/Rect")
+CONTENTS = {
+    "nothing": (),
+    "mesh": (MESH,),
+    "shiny mesh, sun": (SHINY, SUN),
+    "fog": (box(Medium()),),
+    "fog, sun": (box(Medium()), SUN),
+    "fog, mesh, spot": (box(Medium()), MESH, SPOT),
+    "fog, spot": (sphere(RED), SPOT),
+    "fogs, lights": (box(RED), sphere(GLOWING), capsule(Medium(phase="rayleigh")), SUN, LAMP, SPOT, RECT),
+    "voxels": (volume(NOISE, Medium()),),
+    "voxels, sun": (volume(NOISE, Medium()), SUN),
+    "voxels, lamp, mesh": (volume(NOISE, RED), LAMP, SHINY),
+    "voxels and fog, lights": (volume(NOISE, RED), box(Medium()), SUN, LAMP, SPOT, RECT, MESH),
+    "glowing voxels": (volume(NOISE, GLOWING, emission=NOISE),),
+    "hot voxels, sun": (volume(NOISE, GLOWING, temperature=NOISE), SUN),
+    "hot and glowing voxels": (volume(NOISE, GLOWING, temperature=NOISE, emission=NOISE), SPOT, MESH),
+    "many": (
+        *(volume(NOISE, RED, path=f"/V{i}") for i in range(5)),
+        *(point((i, 3, 0), path=f"/P{i}") for i in range(9)),
+    ),
+}
+SETTINGS = {
+    "tfm 6": {"coefficients": 6},
+    "tfm 14, nearest": {"coefficients": 14, "map_filter": "nearest", "ambient": 0.1},
+    "tfm 2, weighted": {"coefficients": 2, "density_weighting": 3.0},
+    "tfm 16": {"coefficients": 16, "density_weighting": 1.0},
+    "plain 10": {"transmittance": "tfm-plain", "coefficients": 10},
+    "march": {"transmittance": "march", "projective_steps": False},
+}
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("knobs", SETTINGS)
+@pytest.mark.parametrize("content", CONTENTS)
+def test_variants_compile_and_draw(renderer: previs.Renderer, content: str, knobs: str) -> None:
+    """Every combination that the sample of scenes and knobs asks for compiles, draws, and samples 16 textures at most."""
+    settings = Settings(**SETTINGS[knobs], steps=4, light_steps=4, shadow_map_size=16, map_size=8)
+    if SETTINGS[knobs].get("transmittance") != "march" and "voxels" not in content and content != "many":
+        if knobs != "tfm 6":
+            pytest.skip("no maps, so no variants of maps")
+    image = renderer.render(index_of(scene(*CONTENTS[content])), camera((0, 0, 6)), (4, 3), settings)
+    assert image.color.min() >= 0.0
+
+
+def test_shaders_need_no_more_texture_units_than_all_devices_have() -> None:
+    """GL 3.3 guarantees 16 to a fragment shader: the largest variant of each shader declares no more samplers."""
+    most = {
+        "VOLUME_COUNT": 2,
+        "LIGHT_CAPACITY": 2,
+        "METHOD": 0,
+        "PHASE": -1,
+        "COEFFICIENTS": 16,
+        "MAP_LAYERS": 5,
+        "MAP_EXPONENT": 0,
+        "SECOND_MARCH_STEPS": 96.0,
+        "PROJECTIVE_MINIMUM": 1,
+        "PROJECTIVE_STEPS": False,
+    }
+    for path in sorted(shader_folder().glob("*.frag")):
+        text = path.read_text()
+        names = {word for part in shader_folder().rglob("*") if part.is_file() for word in _tested(part.read_text())}
+        source = compose(path.name, {**dict.fromkeys(names, True), **most}).text
+        assert source.count("uniform sampler") <= 16, path.name
+        assert text
+
+
+def _tested(text: str) -> set[str]:
+    words = set()
+    for line in text.splitlines():
+        if line.startswith("#if") or line.startswith("#elif"):
+            words |= set(shader._NAME.findall(line.split("//")[0]))
+    return words
