@@ -1,4 +1,4 @@
-"""Render the picture at the head of README: the six scenes, three by two. ``python scenes/render_pictures.py OUTPUT.jpg``."""
+"""Render the picture at the head of README, the six scenes: ``python scenes/render_pictures.py OUTPUT.jpg``."""
 
 from __future__ import annotations
 
