@@ -98,19 +98,21 @@ TABLE: tuple[Setting, ...] = (
     ),
     Setting(
         "steps",
-        256,
-        "Steps of a view ray across the longest diagonal of a volume; shorter paths take fewer of the same length.",
+        0,
+        "Steps of a view ray across the longest diagonal of a volume, shorter paths taking fewer of the same length; "
+        "0 takes one per voxel and at least 256.",
         "march",
-        minimum=1,
+        minimum=0,
         maximum=16384,
         flag="--steps",
     ),
     Setting(
         "light_steps",
-        256,
-        "Steps of a light ray across the longest diagonal of a volume, when a map is filled or light is marched.",
+        0,
+        "Steps of a light ray across the longest diagonal of a volume, when a map is filled or light is marched; "
+        "0 takes one per voxel and at least 256.",
         "light_maps",
-        minimum=1,
+        minimum=0,
         maximum=16384,
     ),
     Setting(
@@ -189,7 +191,7 @@ TABLE: tuple[Setting, ...] = (
     ),
     Setting(
         "field_memory",
-        512,
+        256,
         "Memory for one field on the GPU; a larger field is reduced by a box filter, and said so.",
         "fields",
         minimum=1,

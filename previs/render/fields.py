@@ -42,7 +42,8 @@ def reduction_factor(dims: np.ndarray, bytes_per_voxel: int, memory: int, textur
     """The smallest power of two by which a block of `dims` voxels has to shrink to fit memory and texture limits."""
     factor = 1
     while True:
-        reduced = -(-np.asarray(dims, np.int64) // factor) + 2
+        # A cell of margin on both sides, and one more where the cubes do not begin with the block.
+        reduced = -(-np.asarray(dims, np.int64) // factor) + (2 if factor == 1 else 3)
         if reduced.max() <= texture_limit and int(np.prod(reduced)) * bytes_per_voxel <= memory:
             return factor
         factor *= 2
@@ -83,15 +84,18 @@ def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT) 
     else:
         dense = _reduced(grid, lo, hi, factor)
         first = lo // factor - 1
-    peak = float(np.abs(dense).max()) if dense.size else 0.0
+    peak = max(float(dense.max()), -float(dense.min())) if dense.size else 0.0
     # Values are stored relative to the peak: densities far outside the range of a half float keep their precision.
     scale = peak if peak > 0.0 and np.isfinite(peak) else 1.0
-    values = np.empty((*dense.shape[2::-1], 4) if dense.ndim == 4 else dense.shape[::-1], np.float16)
+    if dense.dtype.kind != "f":
+        dense = dense.astype(np.float32)
+    if scale != 1.0:
+        dense = np.divide(dense, dense.dtype.type(scale), out=dense if dense.flags.writeable else None)
     if dense.ndim == 4:
-        values[..., :3] = (dense / scale).transpose(2, 1, 0, 3)
-        values[..., 3] = 0.0
+        values = np.zeros((*dense.shape[2::-1], 4), np.float16)
+        values[..., :3] = dense.transpose(2, 1, 0, 3)
     else:
-        values[...] = (dense / scale).transpose(2, 1, 0)
+        values = dense.transpose(2, 1, 0).astype(np.float16, order="C")
     # Box coordinate 0 is the centre of the block's first voxel, 1 that of its last.
     cells = np.array(dense.shape[:3], float) - 1.0
     box_to_index = np.eye(4)
@@ -115,14 +119,19 @@ def _reduced(grid, lo: np.ndarray, hi: np.ndarray, factor: int) -> np.ndarray:
     cells = 8 // edge
     blocks = values.reshape(-1, cells, edge, cells, edge, cells, edge, *channels).sum(axis=(2, 4, 6))
     offsets = np.stack(np.meshgrid(*[np.arange(cells) * edge] * 3, indexing="ij"), axis=-1)
-    where = (grid.leaf_origins[:, None, None, None, :] + offsets) // factor - first
-    np.add.at(total, tuple(where.reshape(-1, 3).T), blocks.reshape(-1, *channels))
+    where = ((grid.leaf_origins[:, None, None, None, :] + offsets) // factor - first).reshape(-1, 3)
+    # Leaves reach beyond the active box; there they hold nothing.
+    held = np.all((where >= 0) & (where < shape), axis=1)
+    np.add.at(total, tuple(where[held].T), blocks.reshape(-1, *channels)[held])
     tiles = grid.tiles
     for origin, size, value in zip(tiles.origin, tiles.size, tiles.value, strict=True):
         _add_box(
             total, np.asarray(origin, np.int64), int(size), np.asarray(value, np.float32) - background, factor, first
         )
-    return total / float(factor) ** 3 + background
+    # In place: at the limits this is the largest array there is.
+    total /= float(factor) ** 3
+    total += background
+    return total
 
 
 def _add_box(total: np.ndarray, origin: np.ndarray, size: int, value, factor: int, first: np.ndarray) -> None:

@@ -306,7 +306,7 @@ def make_plan(
             (*(("surface",) if meshes else ()), *(("march",) if records else ())),
         )
     )
-    batches, slices = _draws(len(records), len(grids), len(lights), settings)
+    batches, slices = _draws(records, len(lights), settings)
     return Plan(
         width=width,
         height=height,
@@ -335,18 +335,37 @@ def _is_flat(volume: Volume) -> bool:
     return bool(np.any(np.asarray(hi) <= np.asarray(lo)))
 
 
-def _draws(volumes: int, grids: int, lights: int, settings: Settings) -> tuple[tuple[range, ...], tuple[range, ...]]:
+#: Steps across the longest diagonal of a volume that has fewer voxels along it, when the number is left to the plan.
+LEAST_STEPS = 256
+#: No 3D texture has more voxels along its diagonal than this; a larger field is reduced.
+MOST_STEPS = 4096
+
+
+def steps_across(volume: Volume, wanted: int) -> int:
+    """Steps across the longest diagonal of a volume: as many as wanted, or for 0 at least one per voxel."""
+    if wanted:
+        return wanted
+    if volume.density is None:
+        return LEAST_STEPS
+    return min(max(LEAST_STEPS, math.ceil(float(np.linalg.norm(field_dims(volume.density) + 1)))), MOST_STEPS)
+
+
+def _draws(records, lights: int, settings: Settings) -> tuple[tuple[range, ...], tuple[range, ...]]:
     """How a march is cut into draws: ranges of lights, and ranges of the steps of a ray."""
-    volumes = max(volumes, 1)
+    volumes = max(len(records), 1)
+    grids = [v for v in records if v.density is not None]
+    to_light = sum(steps_across(v, settings.light_steps) + 1 for v in grids) if settings.transmittance == "march" else 0
     # The search for a shadow's edge, the phase functions, and the way to the light.
-    per_light = 20 + 2 * volumes + (grids * (settings.light_steps + 1) if settings.transmittance == "march" else 0)
+    per_light = 20 + 2 * volumes + to_light
     most = min(MAX_LIGHTS_PER_BATCH, MAX_PAIRS_PER_BATCH // volumes, LOOP_BUDGET // per_light)
     size = max(1, most)
     batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
     # A ray takes no more steps than it would in every volume apart, and one more for each of its segments; in a spot's
     # projection a segment has a least number of steps.
     segments = 2 * volumes
-    steps = volumes * settings.steps + segments * (3 + settings.steps // 4 * (grids == 0))
+    steps = sum(steps_across(v, settings.steps) for v in records) + segments * 3
+    if not grids:
+        steps += segments * projective_minimum(settings)
     # A step may begin a segment, behind a gap; finding the first one passes all that lie before it.
     per_step = 3 * (volumes + 1) + max(len(b) for b in batches) * per_light
     length = max(1, (LOOP_BUDGET - segments * (volumes + 2)) // per_step)
@@ -424,6 +443,7 @@ def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int,
     """A map for every pair of a light that casts shadows and a volume of voxels."""
     planned = []
     layers = map_layers(settings.coefficients)
+    weighting = density_weighting(tuple(e.record for e in volumes), settings)
     for light_number, light_entry in enumerate(lights):
         light = light_entry.record
         if not light.casts_shadows:
@@ -443,7 +463,7 @@ def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int,
                 item.tile,
                 size,
                 (settings.transmittance, settings.coefficients, settings.light_steps),
-                (settings.threshold, settings.density_weighting),
+                (settings.threshold, weighting),
             )
             passes.append(
                 PlannedPass(
@@ -494,7 +514,7 @@ def _defines(volumes, lights, meshes, ambient, settings: Settings) -> dict[str, 
         "METHOD": METHOD_NUMBERS[settings.transmittance],
         "COEFFICIENTS": settings.coefficients,
         "MAP_EXPONENT": _map_exponent(volumes, settings),
-        "PROJECTIVE_MINIMUM": max(settings.steps // 4, 1),
+        "PROJECTIVE_MINIMUM": projective_minimum(settings),
         "MAP_LAYERS": map_layers(settings.coefficients),
         "MAP_BLEND": settings.map_filter == "blend",
         "PROJECTIVE_STEPS": bool(
@@ -503,6 +523,11 @@ def _defines(volumes, lights, meshes, ambient, settings: Settings) -> dict[str, 
         "HAS_SPECULAR": any(m.record.surface.specular for m in meshes),
         "HAS_EMISSIVE": any(any(m.record.surface.emissive_color) for m in meshes),
     }
+
+
+def projective_minimum(settings: Settings) -> int:
+    """The least number of steps that a ray takes in a spot's projection, however short its way through the cone."""
+    return max((settings.steps or LEAST_STEPS) // 4, 1)
 
 
 def density_weighting(volumes: tuple[Volume, ...], settings: Settings) -> float:

@@ -120,15 +120,13 @@ class FieldAtlas:
         size, corners = pack_boxes([blocks[k].size for k in keys], limit)
         self._corners = dict(zip(keys, corners, strict=True))
         if len(keys) == 1:
-            self.texture = self._context.texture3d(
-                size, self._components, self._shaped(blocks[keys[0]]).tobytes(), dtype="f2"
-            )
+            self.texture = self._context.texture3d(size, self._components, self._shaped(blocks[keys[0]]), dtype="f2")
         else:
             self.texture = self._context.texture3d(size, self._components, dtype="f2")
             for key in keys:
                 block = blocks[key]
                 viewport = (*self._corners[key], *block.size)
-                self.texture.write(self._shaped(block).tobytes(), viewport=viewport)
+                self.texture.write(self._shaped(block), viewport=viewport)
         self.texture.filter = LINEAR
         self.texture.repeat_x = self.texture.repeat_y = self.texture.repeat_z = False
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ..description import Light, Volume
-from .plan import MAP_KINDS_NUMBERS, PHASE_NUMBERS, SHADOW_KIND_NUMBERS, Plan
+from .plan import MAP_KINDS_NUMBERS, PHASE_NUMBERS, SHADOW_KIND_NUMBERS, Plan, steps_across
 from .projection import relative_to
 from .resources import Placement
 
@@ -31,11 +31,11 @@ _SHAPE_GRID, _SHAPE_BOX, _SHAPE_SPHERE, _SHAPE_CAPSULE = range(4)
 
 
 def step_length(volume: Volume, placements: dict[str, Placement], steps: int) -> float:
-    """World length of a step: the longest diagonal of the volume's bounds over the number of steps."""
+    """World length of a step: the longest diagonal of the volume's bounds over the number of steps (0: as planned)."""
     lo, hi, to_world = _unit_box(volume, placements)
     edges = (np.asarray(hi) - np.asarray(lo))[:, None] * to_world[:3, :3]
     signs = np.array([[1, a, b] for a in (-1, 1) for b in (-1, 1)])
-    return float(np.linalg.norm(signs @ edges, axis=1).max()) / steps
+    return float(np.linalg.norm(signs @ edges, axis=1).max()) / steps_across(volume, steps)
 
 
 def _unit_box(volume: Volume, placements: dict[str, Placement]):
