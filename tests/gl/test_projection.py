@@ -225,7 +225,7 @@ def test_depths_along_a_light_ray(name: str) -> None:
 
 
 def test_a_map_is_fitted_to_what_the_volume_holds() -> None:
-    """Not to its bounds: two far corners of a large grid, one behind the other, need no wider a map than one of them."""
+    """Not to its bounds: two far corners of a large grid, one behind the other, take no wider a map than one."""
     values = np.zeros((64, 64, 64))
     values[:8, :8, :8] = values[56:, 56:, 56:] = 1.0
     fit = light_map(distant((1.0, 1.0, 1.0)), volume(values, Medium(), index_to_local=np.eye(4)), 64)
