@@ -42,3 +42,13 @@ def test_march_equals_the_quadrature(name: str, renderer: previs.Renderer, recor
     error = measure(renderer, case, SIZE, 1e-4)
     record_property("mean_relative_error", error)
     assert error <= case.limit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_march_equals_the_quadrature_in_larger_pictures(name: str, renderer: previs.Renderer, record_property) -> None:
+    """The same in four times the pixels and a tighter reference; run with -v it prints the figures."""
+    case = CASES[name]()
+    error = measure(renderer, case, (64, 36), 1e-5)
+    record_property("mean_relative_error", error)
+    assert error <= case.limit
