@@ -104,7 +104,7 @@ WRONG_ARGUMENTS = [
     ("odd coefficients", ["s.usda", "a.png", "--coefficients", "7"], ["coefficients: '7' is not an even number"]),
     ("unknown method", ["s.usda", "a.png", "--transmittance", "exact"], ["transmittance: 'exact'", "tfm-plain"]),
     ("bad value", ["s.usda", "a.png", "--set", "steps=none"], ["steps: 'none' is not a whole number"]),
-    ("value out of range", ["s.usda", "a.png", "--set", "steps=0"], ["steps: '0'", "from 1 to"]),
+    ("value out of range", ["s.usda", "a.png", "--set", "antialias=0"], ["antialias: '0'", "from 1 to"]),
     ("unknown knob", ["s.usda", "a.png", "--set", "stepz=3"], ["no knob 'stepz'", "map_size"]),
     ("no value", ["s.usda", "a.png", "--set", "steps"], ["--set steps: write NAME=VALUE"]),
     ("bad exposure", ["s.usda", "a.png", "--exposure", "bright"], ["--exposure", "'bright'", "auto"]),

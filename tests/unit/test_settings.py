@@ -66,7 +66,7 @@ def test_text_becomes_the_type_of_the_knob(name, text, value):
         ("coefficients", True, "an even number"),
         ("coefficients", None, "an even number"),
         ("coefficients", 18, "an even number from 2 to 16"),
-        ("steps", "1.5", "a whole number from 1"),
+        ("antialias", "1.5", "a whole number from 1 to 16"),
         ("steps", float("inf"), "a whole number"),
         ("steps", float("nan"), "a whole number"),
         ("threshold", "nan", "a number from 1e-06 to 0.5"),
