@@ -75,11 +75,7 @@ def settings_from(arguments: argparse.Namespace) -> Settings:
         if name not in BY_NAME:
             raise ValueError(f"--set {assignment}: no knob {name!r}; known are {', '.join(BY_NAME)}")
         values[name] = value
-    settings = Settings(**values)
-    if getattr(arguments, "reference", False):
-        steps = {n: max(settings[n], 1024) for n in ("steps", "light_steps")}
-        settings = settings.replace(transmittance="march", **steps)
-    return settings
+    return Settings(**values)
 
 
 def open_scene(arguments: argparse.Namespace):

@@ -34,7 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--exposure", type=_exposure, default=0.0, metavar="EV", help="stops, or auto, for .png and .jpg"
     )
-    parser.add_argument("--reference", action="store_true", help="march light by brute force with at least 1024 steps")
+    parser.add_argument(
+        "--reference", action="store_true", help="march light by brute force with at least 1024 steps and two per voxel"
+    )
     parser.add_argument("--stats", metavar="FILE.json", help="write times, plan, memory and warnings of every frame")
     parser.add_argument("--cameraLight", action="store_true", help="add a light that shines along the view")
     parser.add_argument(
@@ -82,7 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
                 if arguments.cameraLight:
                     description = with_camera_light(description, camera)
                 index.update(description)
-                image = renderer.render(index, camera, size, settings, _progress(number, len(frames), frame))
+                chosen = _reference(settings, description) if arguments.reference else settings
+                image = renderer.render(index, camera, size, chosen, _progress(number, len(frames), frame))
                 if arguments.enableDomeLightVisibility:
                     image = _over_dome(image, description)
                 image.save(output, exposure=arguments.exposure, color_correction=arguments.colorCorrectionMode)
@@ -113,6 +116,15 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.stats:
         write_text(Path(arguments.stats), json.dumps({"stage": arguments.stage, "frames": records}, indent=2) + "\n")
     return 1 if failed else 0
+
+
+def _reference(settings, description):
+    """The settings, marching light by brute force in steps so fine that more of them change nothing."""
+    from ..render.plan import steps_across
+
+    finest = max((steps_across(volume, 0) for volume in description.volumes.values()), default=0)
+    steps = {name: max(settings[name], 1024, 2 * finest) for name in ("steps", "light_steps")}
+    return settings.replace(transmittance="march", **steps)
 
 
 def _light_notes(description) -> list[str]:

@@ -12,6 +12,7 @@ import pytest
 from small_stages import CAMERA, LIGHT_AND_GROUND, usda, volume
 
 import previs
+from previs import vdb
 from previs.io import display, load_color
 from previs.settings import TABLE
 
@@ -186,14 +187,16 @@ def test_every_flag_of_the_table_and_set(run, stages, tmp_path):
 
 
 def test_reference_is_a_brute_force_march(run, stages, tmp_path):
-    ok(
-        run(
-            "record", stages / "smoke.usda", tmp_path / "a.exr", "-w", 16, "--reference", "--stats", tmp_path / "s.json"
-        )
-    )
-    settings = json.loads((tmp_path / "s.json").read_text())["frames"][0]["settings"]
-    assert settings["transmittance"] == "march"
-    assert settings["steps"] >= 1024 and settings["light_steps"] >= 1024
+    """At least 1024 steps, and two per voxel of a grid that is longer than that."""
+    vdb.write(stages / "long.vdb", [vdb.Grid.from_dense("density", np.ones((900, 1, 1), np.float32))])
+    (stages / "long.usda").write_text(usda(volume("long.vdb") + LIGHT_AND_GROUND + CAMERA))
+    asked = ("-w", 8, "--reference", "--stats", tmp_path / "s.json")
+    for stage, least in (("smoke", 1024), ("long", 1800)):
+        ok(run("record", stages / f"{stage}.usda", tmp_path / "a.exr", *asked))
+        settings = json.loads((tmp_path / "s.json").read_text())["frames"][0]["settings"]
+        assert settings["transmittance"] == "march"
+        assert least <= settings["steps"] < 1.1 * least
+        assert least <= settings["light_steps"] < 1.1 * least
 
 
 def test_accepted_for_usdrecord(run, stages, tmp_path):
