@@ -55,7 +55,7 @@ def test_a_batched_march_is_right(renderer: previs.Renderer, monkeypatch) -> Non
     assert measure(renderer, case, SIZE, 1e-4) <= case.limit
 
 
-@pytest.mark.parametrize("budget", [40, 900, 20_000])
+@pytest.mark.parametrize("budget", [60, 900, 20_000])
 def test_slices_of_steps(renderer: previs.Renderer, monkeypatch, budget: int) -> None:
     """However few steps a draw may take, the picture is that of a single draw."""
     description = two_volumes_three_lights()

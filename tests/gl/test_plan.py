@@ -88,7 +88,6 @@ def test_what_cannot_be_seen_is_not_planned() -> None:
     ("define", "without", "added"),
     [
         ("HAS_POINT", [distant((0, -1, 0))], point((0, 2, 0))),
-        ("HAS_DISTANT", [point((0, 2, 0))], distant((0, -1, 0))),
         ("HAS_SHAPING", [point((0, 2, 0))], spot((0, 2, 0), (0, 0, 0))),
         ("HAS_COSINE", [point((0, 2, 0))], spot((0, 2, 0), (0, 0, 0), kind="rect", shaped=False)),
         ("HAS_MESHES", [distant((0, -1, 0))], box_mesh((-1, -1, -1), (1, 1, 1))),

@@ -57,7 +57,8 @@ class Session:
         assert list(image.stats["executed"]) == executed
         assert set(image.stats["times"]) == set(executed)
         fresh = self.renderer.render(index_of(self.index.scene), view, size, settings)
-        assert np.array_equal(image.color, fresh.color)
+        # A map that was kept was made where its voxels lay in the atlas then: the last digit may differ.
+        np.testing.assert_allclose(image.color, fresh.color, rtol=1e-5, atol=1e-7)
         # The fresh start took the renderer's memory with it: fill it again.
         self.renderer.render(self.index, view, size, settings)
         return set(executed)
