@@ -27,6 +27,7 @@ from building import (
     translation,
     volume,
 )
+from building import field as voxels
 
 from previs.description import Camera, Medium, SceneDescription, Shaping
 
@@ -333,9 +334,7 @@ def grid_around_the_camera() -> Case:
 @case
 def grid_with_background() -> Case:
     cloud = volume(GRID, fog(2.0), ROTATED)
-    from building import field as make_field
-
-    held = make_field(GRID, background=0.3)
+    held = voxels(GRID, background=0.3)
     return Case(scene(replace(cloud, density=held), SIDE), limit=EDGES)
 
 
