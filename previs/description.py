@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
@@ -56,8 +57,8 @@ class SparseGrid(Protocol):
     leaf_values: np.ndarray
     leaf_active: np.ndarray
 
-    def dense(self, lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
-        """Values [x, y, z] over an index box, both ends included."""
+    def dense(self, lo: np.ndarray, hi: np.ndarray, limit: int = ...) -> np.ndarray:
+        """Values [x, y, z] over an index box, both ends included; refuses more than `limit` voxels."""
         ...
 
 
@@ -187,10 +188,11 @@ class Volume:
             raise ValueError(f"{self.path}: a volume has either a density field or a homogeneous shape")
 
     def parts(self) -> Mapping[str, Hashable]:
-        """`placement` and `fields` move the light maps, `extinction` may, `scattering` only the march."""
+        """`placement`, `density` and `extinction` move light maps, `scattering` and `emission_fields` the march."""
         medium = self.medium
         return {
-            "fields": tuple(f and f.parts() for f in (self.density, self.temperature, self.emission)),
+            "density": self.density and self.density.parts(),
+            "emission_fields": tuple(f and f.parts() for f in (self.temperature, self.emission)),
             "placement": (matrix_key(self.local_to_world), self.shape),
             "extinction": medium.strength,
             "scattering": medium,
@@ -283,6 +285,13 @@ class Geometry:
     triangles: np.ndarray
     colors: np.ndarray | None = None
 
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Minimum and maximum of the points, (3,) each; None without points."""
+        if len(self.points) == 0:
+            return None
+        return self.points.min(axis=0), self.points.max(axis=0)
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -309,13 +318,12 @@ class Mesh:
     geometry: Geometry
     local_to_world: np.ndarray
     surface: Surface = Surface()
-    double_sided: bool = True
 
     def parts(self) -> Mapping[str, Hashable]:
         """`shape` moves shadow maps and the G-buffer, `surface` only the G-buffer."""
         return {
             "shape": (self.geometry.key, matrix_key(self.local_to_world)),
-            "surface": (self.surface, self.double_sided),
+            "surface": self.surface,
         }
 
 
@@ -444,10 +452,10 @@ def volume_world_bounds(volume: Volume) -> tuple[np.ndarray, np.ndarray]:
 
 def mesh_world_bounds(mesh: Mesh) -> tuple[np.ndarray, np.ndarray] | None:
     """World box (minimum, maximum) of all instances of a mesh, or None without points."""
-    points = mesh.geometry.points
-    if len(points) == 0 or len(mesh.local_to_world) == 0:
+    bounds = mesh.geometry.bounds
+    if bounds is None or len(mesh.local_to_world) == 0:
         return None
-    corners = box_corners(points.min(axis=0), points.max(axis=0))
+    corners = box_corners(*bounds)
     matrices = np.asarray(mesh.local_to_world, float)
     placed = (corners @ matrices[:, :3, :3] + matrices[:, 3:, :3]).reshape(-1, 3)
     return placed.min(axis=0), placed.max(axis=0)

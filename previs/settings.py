@@ -1,8 +1,9 @@
 """The one table of knobs.
 
 Every knob of the renderer is one row of `TABLE`: name, type, default, range, unit, what a change of it invalidates,
-one sentence. The command line, the Python API, the stage's ``previs:`` attributes and the panel are generated
-from these rows, so that a knob has the same name, range and sentence wherever it is met.
+one sentence. The command line, the Python API and README are generated from these rows or checked against them, so
+that a knob has the same name, range and sentence wherever it is met; the plan takes from them which passes a knob
+runs again.
 """
 
 from __future__ import annotations
@@ -11,20 +12,25 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Invalidates = Literal["light_maps", "shadow_maps", "march", "surface", "image", "display", "fields"]
+Invalidates = Literal["fields", "shadow_map", "transmittance_map", "gbuffer", "surface", "march", "composite"]
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One knob. `minimum` and `maximum` are inclusive; `choices` lists the only legal values where it is not empty."""
+    """One knob. `minimum` and `maximum` are inclusive; `choices` lists the only legal values where it is not empty.
+
+    `automatic` says that 0 is legal besides the range and leaves the choice to the plan. `invalidates` names the
+    kinds of passes that read the knob: they run again when it changes, and so do the passes that read their output.
+    """
 
     name: str
     default: Any
     doc: str
-    invalidates: Invalidates
+    invalidates: tuple[Invalidates, ...]
     minimum: float | None = None
     maximum: float | None = None
     step: int | None = None
+    automatic: bool = False
     choices: tuple[str, ...] = ()
     unit: str = ""
     flag: str = ""
@@ -51,6 +57,8 @@ class Setting:
                 parsed = self.type(value)
         except (ValueError, TypeError, KeyError, OverflowError):
             raise ValueError(f"{self.name}: {value!r} is not {self.accepts()}") from None
+        if self.automatic and parsed == 0:
+            return parsed
         below = self.minimum is not None and not parsed >= self.minimum
         above = self.maximum is not None and not parsed <= self.maximum
         stepped = self.step is not None and (parsed - int(self.minimum or 0)) % self.step != 0
@@ -67,6 +75,8 @@ class Setting:
         kind = {int: "a whole number", float: "a number", str: "text"}[self.type]
         if self.step == 2:
             kind = "an even number"
+        if self.automatic:
+            kind = "0 or " + kind
         if self.minimum is not None and self.maximum is not None:
             return f"{kind} from {self.minimum:g} to {self.maximum:g}"
         if self.minimum is not None:
@@ -82,7 +92,7 @@ TABLE: tuple[Setting, ...] = (
         "tfm",
         "How light is attenuated on its way into the media: tfm, adaptive transmittance function maps [ATFM12]; "
         "tfm-plain, the maps of [TFM11]; march, a brute-force march towards every light (the reference).",
-        "light_maps",
+        ("transmittance_map", "surface", "march"),
         choices=("tfm", "tfm-plain", "march"),
         flag="--transmittance",
     ),
@@ -90,7 +100,7 @@ TABLE: tuple[Setting, ...] = (
         "coefficients",
         6,
         "Cosine coefficients stored per texel of a transmittance map: 6 is interactive, 14 high quality.",
-        "light_maps",
+        ("transmittance_map", "surface", "march"),
         minimum=2,
         maximum=16,
         step=2,
@@ -101,9 +111,10 @@ TABLE: tuple[Setting, ...] = (
         0,
         "Steps of a view ray across the longest diagonal of a volume, shorter paths taking fewer of the same length; "
         "0 takes one per voxel and at least 256.",
-        "march",
-        minimum=0,
+        ("march",),
+        minimum=1,
         maximum=16384,
+        automatic=True,
         flag="--steps",
     ),
     Setting(
@@ -111,17 +122,19 @@ TABLE: tuple[Setting, ...] = (
         0,
         "Steps of a light ray across the longest diagonal of a volume, when a map is filled or light is marched; "
         "0 takes one per voxel and at least 256.",
-        "light_maps",
-        minimum=0,
+        ("transmittance_map", "surface", "march"),
+        minimum=1,
         maximum=16384,
+        automatic=True,
     ),
     Setting(
         "map_size",
         0,
         "Texels along the side of a transmittance map; 0 follows the voxels that the light sees.",
-        "light_maps",
-        minimum=0,
+        ("transmittance_map",),
+        minimum=8,
         maximum=2048,
+        automatic=True,
         unit="texels",
         flag="--map-size",
     ),
@@ -129,7 +142,7 @@ TABLE: tuple[Setting, ...] = (
         "threshold",
         0.01,
         "Transmittance below which the adaptive range of a map ends, judged for the weakest colour channel [ATFM12].",
-        "light_maps",
+        ("transmittance_map",),
         minimum=1e-6,
         maximum=0.5,
     ),
@@ -137,23 +150,24 @@ TABLE: tuple[Setting, ...] = (
         "density_weighting",
         0.0,
         "Exponent alpha of [TFM11] section 6.2: maps hold T^(1/alpha). 0 takes 1 for tfm-plain and 2 for tfm.",
-        "light_maps",
-        minimum=0.0,
+        ("transmittance_map",),
+        minimum=1.0,
         maximum=64.0,
+        automatic=True,
     ),
     Setting(
         "map_filter",
         "blend",
         "How tfm looks between texels: blend evaluates the four neighbours and blends their transmittance, "
         "nearest takes one.",
-        "march",
+        ("surface", "march"),
         choices=("blend", "nearest"),
     ),
     Setting(
         "shadow_map_size",
         2048,
         "Texels along the side of one face of a shadow map.",
-        "shadow_maps",
+        ("shadow_map",),
         minimum=16,
         maximum=8192,
         unit="texels",
@@ -163,13 +177,13 @@ TABLE: tuple[Setting, ...] = (
         True,
         "Place steps evenly in the light's projection where one spot casts shafts through homogeneous media "
         "[TFM11 section 4.2].",
-        "march",
+        ("march",),
     ),
     Setting(
         "opacity_cutoff",
         1e-4,
         "A view ray ends where no channel transmits more than this; what lies behind is lost.",
-        "march",
+        ("march",),
         minimum=0.0,
         maximum=0.1,
     ),
@@ -177,7 +191,7 @@ TABLE: tuple[Setting, ...] = (
         "ambient",
         0.0,
         "Radiance that reaches every point from everywhere, unoccluded: scattered ambient light [TFM11 section 4.3].",
-        "march",
+        ("surface", "march"),
         minimum=0.0,
         unit="radiance",
     ),
@@ -185,7 +199,7 @@ TABLE: tuple[Setting, ...] = (
         "antialias",
         1,
         "Samples along each side of a pixel, averaged by a box; 1 samples pixel centres.",
-        "image",
+        ("gbuffer", "march"),
         minimum=1,
         maximum=16,
     ),
@@ -193,7 +207,7 @@ TABLE: tuple[Setting, ...] = (
         "field_memory",
         256,
         "Memory for one field on the GPU; a larger field is reduced by a box filter, and said so.",
-        "fields",
+        ("fields",),
         minimum=1,
         maximum=16384,
         unit="MiB",
@@ -243,6 +257,10 @@ class Settings(Mapping[str, Any]):
     def __repr__(self) -> str:
         changed = {n: v for n, v in self._values.items() if v != BY_NAME[n].default}
         return f"Settings({', '.join(f'{n}={v!r}' for n, v in changed.items())})"
+
+    def read_by(self, kind: Invalidates) -> tuple[tuple[str, Any], ...]:
+        """The knobs that passes of a kind read, with their values: hashable, to compare between frames."""
+        return tuple((s.name, self._values[s.name]) for s in TABLE if kind in s.invalidates)
 
     def replace(self, **values: Any) -> Settings:
         """A copy with some values changed.

@@ -24,6 +24,9 @@ uniform sampler2D gbuffer_normal_distance;
 #endif
 uniform vec3 ambient;
 uniform float opacity_cutoff;
+#if PROJECTIVE_STEPS
+uniform int projective_minimum;  // steps that a ray takes through the cone at the least
+#endif
 uniform bool first_batch;
 
 // A long march is drawn in slices of its steps: each takes up the state that the one before it left.
@@ -232,7 +235,7 @@ void main() {
                                 lights[0].shadow_matrix[0][2].w, lights[0].shadow_matrix[0][3].w);
                 w0 = dot(row, vec4(ray.anchor + cone.x * ray.direction, 1.0));
                 w1 = dot(row, vec4(ray.anchor + cone.y * ray.direction, 1.0));
-                inner = lit ? max(int(ceil((cone.y - cone.x) / length_of_step)), PROJECTIVE_MINIMUM) : 0;
+                inner = lit ? max(int(ceil((cone.y - cone.x) / length_of_step)), projective_minimum) : 0;
                 count = inner + 2;
 #else
                 count = int(ceil((next - cursor) / length_of_step));

@@ -17,7 +17,7 @@ BACKEND_VARIABLE = "PREVIS_GL"
 
 _REMEDY = {
     "linux": "On Debian or Ubuntu: apt-get install --no-install-recommends libegl1 libgl1; "
-    "without root: pip install 'previs[osmesa]'",
+    "without root, on x86-64: pip install --no-deps lavavu-osmesa",
     "darwin": "macOS brings OpenGL itself: run in a session with a window server",
     "win32": "Install the graphics driver, or Mesa's opengl32.dll for software rendering",
 }

@@ -62,6 +62,13 @@ def is_vector(field: Field) -> bool:
     return field.grid.leaf_values.ndim == 5
 
 
+def packed_bytes(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, components: int = 1) -> int:
+    """Texture memory of a field packed within those limits, for textures of 1 or 4 half-float components."""
+    factor = planned_reduction(field, memory, texture_limit)
+    dims = field_dims(field) + 2 if factor == 1 else -(-field_dims(field) // factor) + 2
+    return int(np.prod(dims)) * 2 * components
+
+
 def planned_reduction(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT) -> int:
     """The reduction that `pack` will apply for that much memory (bytes)."""
     return reduction_factor(field_dims(field), 8 if is_vector(field) else 2, memory, texture_limit)
@@ -79,7 +86,8 @@ def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT) 
     lo, hi = (np.asarray(b, np.int64) for b in grid.bounds)
     factor = planned_reduction(field, memory, texture_limit)
     if factor == 1:
-        dense = grid.dense(lo - 1, hi + 1)
+        # The size was checked against the memory above; the grid's own limit is for those who did not.
+        dense = grid.dense(lo - 1, hi + 1, limit=int(np.prod(hi - lo + 3)))
         first = lo - 1
     else:
         dense = _reduced(grid, lo, hi, factor)
@@ -111,10 +119,8 @@ def _reduced(grid, lo: np.ndarray, hi: np.ndarray, factor: int) -> np.ndarray:
     channels = grid.leaf_values.shape[4:]
     total = np.zeros((*shape, *channels), np.float32)
     background = np.asarray(grid.background, np.float32)
-    values = (
-        np.where(grid.leaf_active[(...,) + (None,) * len(channels)], grid.leaf_values, background).astype(np.float32)
-        - background
-    )
+    # Inactive voxels count with the value they hold, as they do where nothing is reduced.
+    values = grid.leaf_values.astype(np.float32) - background
     edge = min(factor, 8)
     cells = 8 // edge
     blocks = values.reshape(-1, cells, edge, cells, edge, cells, edge, *channels).sum(axis=(2, 4, 6))

@@ -153,6 +153,21 @@ class Frame:
         if self.progress is not None:
             self.progress(fraction)
 
+    def release_unused(self) -> None:
+        """Free the atlases and targets that the plan does not use."""
+        plan = self.plan
+        used = {p.kind for p in plan.passes}
+        if not plan.maps:
+            self.maps.release()
+        if not plan.shadow_tiles:
+            self.shadows.release()
+        if "fields" not in used:
+            for atlas in (self.density, self.temperature, self.emission):
+                atlas.release()
+        if not plan.meshes:
+            self.meshes.release()
+        self.targets.keep(used | ({"march_other"} if len(plan.batches) * len(plan.slices) > 1 else set()))
+
     def rest(self) -> None:
         """Leave no framebuffer bound that may be released."""
         self._idle.use()

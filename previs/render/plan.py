@@ -29,7 +29,7 @@ from ..description import (
 from ..errors import PrevisError
 from ..index import RenderIndex, camera_key
 from ..settings import Settings
-from .fields import field_dims, is_vector, planned_reduction
+from .fields import field_dims, packed_bytes, planned_reduction
 from .projection import (
     MAP_KINDS,
     SHADOW_KINDS,
@@ -46,8 +46,8 @@ PassKind = Literal["fields", "shadow_map", "transmittance_map", "gbuffer", "surf
 
 MAX_VOLUMES = 128
 MAX_LIGHTS_PER_BATCH = 64
-#: Pairs of light and volume whose map parameters fit a uniform block of 64 KiB.
-MAX_PAIRS_PER_BATCH = 512
+#: Bytes of a light, a volume and a pair of both in the uniform blocks; see uniforms.py.
+LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 12 * 16, 7 * 16
 #: Texture memory that all shadow maps, and all transmittance maps, may take together; beyond it they get coarser.
 ATLAS_MEMORY = 2**30
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
@@ -57,10 +57,14 @@ LOOP_BUDGET = 50_000
 
 @dataclass(frozen=True)
 class DeviceLimits:
-    """What a device can do, as far as plans depend on it: edges of textures. The defaults are those of most in use."""
+    """What a device can do, as far as plans depend on it: edges of textures, bytes of a uniform block.
+
+    The defaults are those of most devices in use.
+    """
 
     texture_size: int = 16384
     texture_3d_size: int = 2048
+    uniform_block_size: int = 65536
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,14 +189,17 @@ def make_plan(
     notes: list[Note] = []
     volumes = []
     for entry in index.volumes.values():
-        if abs(np.linalg.det(volume_box(entry.record)[2][:3, :3])) < 1e-300 or _is_flat(entry.record):
+        if entry.record.density is not None and entry.record.density.grid.active_count == 0:
+            notes.append(Note("empty", entry.record.path, "its density has no active voxels"))
+        elif abs(np.linalg.det(volume_box(entry.record)[2][:3, :3])) < 1e-300 or _is_flat(entry.record):
             notes.append(Note("ignored", entry.record.path, "has no thickness, so nothing of it can be seen"))
         elif any(s > 0.0 for s in entry.record.medium.strength):
             volumes.append(entry)
-    if len(volumes) > MAX_VOLUMES:
+    most_volumes = min(MAX_VOLUMES, limits.uniform_block_size // VOLUME_BYTES)
+    if len(volumes) > most_volumes:
         raise PrevisError(
-            f"{volumes[MAX_VOLUMES].record.path}: the stage has {len(volumes)} volumes and a frame takes {MAX_VOLUMES}"
-            "; hide some, or render them apart"
+            f"{volumes[most_volumes].record.path}: the stage has {len(volumes)} volumes and a frame takes "
+            f"{most_volumes}; hide some, or render them apart"
         )
     notes += [
         Note("approximated", e.record.path, "a dome lights every point evenly, without occlusion")
@@ -212,40 +219,40 @@ def make_plan(
     method = settings.transmittance
     passes: list[PlannedPass] = []
 
-    fields = [(v, f) for v in records for f in (v.density, v.temperature, v.emission) if f is not None]
+    fields = [
+        (v, f, components)
+        for v in records
+        for f, components in ((v.density, 1), (v.temperature, 1), (v.emission, 4))
+        if f is not None and f.grid.active_count
+    ]
     if fields:
         size = 0
-        for volume, f in fields:
+        for volume, f, components in fields:
+            size += packed_bytes(f, memory, limits.texture_3d_size, components)
             factor = planned_reduction(f, memory, limits.texture_3d_size)
-            size += int(np.prod(field_dims(f) // factor + 3)) * (8 if is_vector(f) else 2)
             if factor > 1:
                 dims = "×".join(str(d) for d in field_dims(f))
-                notes.append(
-                    Note(
-                        "approximated",
-                        volume.path,
-                        f"field of {dims} voxels is averaged over cubes of {factor}³ to fit",
-                    )
-                )
-        keys = tuple((v.path, f.parts()) for v, f in fields)
+                message = f"field of {dims} voxels is averaged over cubes of {factor}³ to fit"
+                notes.append(Note("approximated", volume.path, message))
+        keys = tuple((e.record.path, e.versions["density"], e.versions["emission_fields"]) for e in volumes)
         why = f"{_count(len(fields), 'field')} of voxels"
-        passes.append(PlannedPass("fields", "fields", why, (), size, (keys, memory), payload=records))
+        passes.append(
+            PlannedPass("fields", "fields", why, (), size, (keys, settings.read_by("fields"), limits), payload=records)
+        )
 
     planned_lights, shadow_size, shadow_tiles = _plan_shadows(volumes, lights, meshes, settings, limits, passes, notes)
     casting = sum(e.record.casts_shadows for e in lights)
     size = _map_size(records, grids, casting, settings, limits, notes) if grids else 0
     maps = _plan_maps(volumes, grids, lights, settings, size, passes) if method != "march" else ()
 
+    batches, slices = _draws(records, len(lights), settings, limits)
     view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
-    defines = _defines(records, planned_lights, meshes, ambient, settings)
+    defines = _defines(records, planned_lights, len(batches[0]), meshes, ambient, settings)
     shadow_passes = tuple(p.name for p in passes if p.kind == "shadow_map")
     map_passes = tuple(p.name for p in passes if p.kind == "transmittance_map")
     field_passes = ("fields",) if fields else ()
     lit_by = tuple((e.record.path, e.versions["placement"], e.versions["colour"]) for e in lights)
     media_light = tuple((e.record.path, e.versions["placement"], e.versions["extinction"]) for e in volumes)
-    lookup = (method, settings.coefficients, settings.map_filter, settings.density_weighting, settings.shadow_map_size)
-    if method == "march":
-        lookup += (settings.light_steps,)
 
     if meshes:
         shapes = tuple((e.record.path, e.versions["shape"], e.versions["surface"]) for e in meshes)
@@ -257,7 +264,7 @@ def make_plan(
                 f"{_count(len(meshes), 'mesh', 'es')}, {_count(triangles, 'triangle')} before the camera",
                 (width, height),
                 width * height * 44,
-                (view, shapes),
+                (view, shapes, settings.read_by("gbuffer")),
             )
         )
         passes.append(
@@ -267,13 +274,12 @@ def make_plan(
                 f"light on the meshes from {_count(len(lights), 'light')}",
                 (width, height),
                 width * height * 16,
-                (lit_by, media_light, ambient, lookup),
+                (lit_by, media_light, ambient, settings.read_by("surface")),
                 ("gbuffer", *shadow_passes, *field_passes, *map_passes),
             )
         )
     if records:
         media = tuple((e.record.path, e.versions["placement"], e.versions["scattering"]) for e in volumes)
-        marching = (settings.steps, settings.opacity_cutoff, settings.projective_steps)
         why = f"{_count(len(records), 'volume')}, {_count(len(lights), 'light')}"
         why += {
             "march": "; brute force towards every light",
@@ -290,8 +296,8 @@ def make_plan(
                 "march",
                 why,
                 (width, height),
-                width * height * 48,
-                (view, media, lit_by, ambient, lookup, marching),
+                width * height * (48 if defines["HAS_EMISSION"] else 32) * (2 if len(batches) * len(slices) > 1 else 1),
+                (view, media, lit_by, ambient, settings.read_by("march")),
                 (*(("gbuffer",) if meshes else ()), *shadow_passes, *field_passes, *map_passes),
             )
         )
@@ -306,7 +312,6 @@ def make_plan(
             (*(("surface",) if meshes else ()), *(("march",) if records else ())),
         )
     )
-    batches, slices = _draws(records, len(lights), settings)
     return Plan(
         width=width,
         height=height,
@@ -350,15 +355,28 @@ def steps_across(volume: Volume, wanted: int) -> int:
     return min(max(LEAST_STEPS, math.ceil(float(np.linalg.norm(field_dims(volume.density) + 1)))), MOST_STEPS)
 
 
-def _draws(records, lights: int, settings: Settings) -> tuple[tuple[range, ...], tuple[range, ...]]:
-    """How a march is cut into draws: ranges of lights, and ranges of the steps of a ray."""
+def _draws(
+    records, lights: int, settings: Settings, limits: DeviceLimits
+) -> tuple[tuple[range, ...], tuple[range, ...]]:
+    """How a march is cut into draws: ranges of lights, and ranges of the steps of a ray.
+
+    Raises:
+        PrevisError: when the way to one light alone takes more steps than a draw may.
+    """
     volumes = max(len(records), 1)
     grids = [v for v in records if v.density is not None]
     to_light = sum(steps_across(v, settings.light_steps) + 1 for v in grids) if settings.transmittance == "march" else 0
     # The search for a shadow's edge, the phase functions, and the way to the light.
     per_light = 20 + 2 * volumes + to_light
-    most = min(MAX_LIGHTS_PER_BATCH, MAX_PAIRS_PER_BATCH // volumes, LOOP_BUDGET // per_light)
-    size = max(1, most)
+    if per_light > LOOP_BUDGET:
+        raise PrevisError(
+            f"{grids[0].path}: a march to a light takes {to_light} steps through {_count(len(grids), 'volume')}, "
+            f"a draw at most {LOOP_BUDGET}; set light_steps to {max(LOOP_BUDGET // (2 * len(grids)), 1)} or less"
+        )
+    pairs = limits.uniform_block_size // (PAIR_BYTES * volumes)
+    most = min(MAX_LIGHTS_PER_BATCH, pairs, limits.uniform_block_size // LIGHT_BYTES, LOOP_BUDGET // per_light)
+    # A power of two, as the blocks are sized in powers of two: few shader variants for many numbers of lights.
+    size = 2 ** int(math.log2(max(most, 1)))
     batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
     # A ray takes no more steps than it would in every volume apart, and one more for each of its segments; in a spot's
     # projection a segment has a least number of steps.
@@ -417,7 +435,7 @@ def _plan_shadows(volumes, lights, meshes, settings: Settings, limits: DeviceLim
                 f"meshes cut this light; {fit.kind}, {_count(len(fit.matrices), 'face')}",
                 (size, size, len(fit.matrices)),
                 size * size * 4 * len(fit.matrices),
-                (shapes, fit.key(), tiles, size, len(lights)),
+                (shapes, fit.key(), tiles, size),
                 payload=planned[-1],
             )
         )
@@ -426,11 +444,14 @@ def _plan_shadows(volumes, lights, meshes, settings: Settings, limits: DeviceLim
 
 
 def _map_size(volumes, grids: list[int], lights: int, settings: Settings, limits: DeviceLimits, notes) -> int:
-    """Texels along a map's side: as asked, or fine enough to see every voxel; less where too many maps are needed."""
+    """Texels along a map's side: as asked, or two per voxel; less where too many maps are needed.
+
+    Two, because the surface of a dense medium casts shadows as sharp as its voxels allow.
+    """
     wanted = settings.map_size
     if not wanted:
         longest = max(int(field_dims(volumes[i].density).max()) for i in grids)
-        wanted = int(np.clip(-(-longest * 3 // 2 // 32) * 32, 64, 512))
+        wanted = int(np.clip(-(-longest * 2 // 32) * 32, 128, 512))
     bytes_per_texel = 8 + 8 * map_layers(settings.coefficients)
     size = fitting_size(wanted, len(grids) * lights, bytes_per_texel, limits)
     if size < wanted:
@@ -456,14 +477,14 @@ def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int,
             item = PlannedMap(light_number, volume_number, fit, len(planned), max(strength), min(strength))
             planned.append(item)
             depends = (
-                entry.versions["fields"],
+                entry.versions["density"],
                 entry.versions["placement"],
                 (item.reference, item.weakest),
                 fit.key(),
                 item.tile,
                 size,
-                (settings.transmittance, settings.coefficients, settings.light_steps),
-                (settings.threshold, weighting),
+                weighting,
+                settings.read_by("transmittance_map"),
             )
             passes.append(
                 PlannedPass(
@@ -473,8 +494,7 @@ def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int,
                     (size, size),
                     size * size * (8 + 8 * layers),
                     depends,
-                    ("fields",),
-                    item,
+                    payload=item,
                 )
             )
     return tuple(planned)
@@ -486,7 +506,7 @@ SHADOW_KIND_NUMBERS = {kind: number for number, kind in enumerate(SHADOW_KINDS)}
 METHOD_NUMBERS = {"tfm": 0, "tfm-plain": 1, "march": 2}
 
 
-def _defines(volumes, lights, meshes, ambient, settings: Settings) -> dict[str, Any]:
+def _defines(volumes, lights, batch: int, meshes, ambient, settings: Settings) -> dict[str, Any]:
     """What the shaders are compiled for."""
     phases = {v.medium.phase if v.medium.anisotropy != 0.0 or v.medium.phase != "hg" else "isotropic" for v in volumes}
     homogeneous = all(v.density is None for v in volumes)
@@ -495,9 +515,8 @@ def _defines(volumes, lights, meshes, ambient, settings: Settings) -> dict[str, 
     emitting = [v for v in volumes if v.medium.emits]
     return {
         "VOLUME_COUNT": len(volumes),
-        "LIGHT_CAPACITY": 1 if len(lights) <= 1 else min(2 ** math.ceil(math.log2(len(lights))), MAX_LIGHTS_PER_BATCH),
+        "LIGHT_CAPACITY": 2 ** math.ceil(math.log2(max(batch, 1))),
         "HAS_LIGHTS": bool(lights),
-        "HAS_DISTANT": "distant" in kinds,
         "HAS_POINT": bool(kinds - {"distant"}),
         "HAS_SHAPING": any(p.record.shaping is not None for p in lights),
         "HAS_COSINE": bool(kinds & {"disk", "rect"}),
@@ -514,7 +533,6 @@ def _defines(volumes, lights, meshes, ambient, settings: Settings) -> dict[str, 
         "METHOD": METHOD_NUMBERS[settings.transmittance],
         "COEFFICIENTS": settings.coefficients,
         "MAP_EXPONENT": _map_exponent(volumes, settings),
-        "PROJECTIVE_MINIMUM": projective_minimum(settings),
         "MAP_LAYERS": map_layers(settings.coefficients),
         "MAP_BLEND": settings.map_filter == "blend",
         "PROJECTIVE_STEPS": bool(

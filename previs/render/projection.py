@@ -286,8 +286,8 @@ def shadow_fit(light: Light, casters: np.ndarray, receivers: np.ndarray, media: 
                 faces.insert(0, near)
         return ShadowFit("orthographic", tuple(faces), 1.0, np.zeros(3))
     position = light.position
-    everything = np.concatenate([casters, receivers])
-    far = max(float(np.linalg.norm(everything - position, axis=1).max()), 1e-30) * 1.001
+    # What lies beyond the last caster is compared at its depth, which is as good.
+    far = max(float(np.linalg.norm(casters - position, axis=1).max()), 1e-30) * 1.001
     shaping = light.shaping
     if shaping is not None and shaping.cone_angle < 65.0:
         tangent = math.tan(math.radians(max(shaping.cone_angle, 0.1))) * 1.01
@@ -321,7 +321,8 @@ def _orthographic_face(right, up, direction, casters: np.ndarray, receivers: np.
 def _perspective_face(forward, right, up, position, tangent: float, far: float) -> np.ndarray:
     """World → clip of a square perspective; the raster depth only has to clip, the stored one is written by the
     shader."""
-    near = 1e-4 * far
+    # The depth that is stored is linear, so a near plane close to the light costs no precision: lamps sit in housings.
+    near = 1e-6 * far
     basis = np.eye(4)
     basis[:3, 0], basis[:3, 1], basis[:3, 2] = right, up, -forward
     basis[3, :3] = -position @ basis[:3, :3]

@@ -18,6 +18,11 @@ from .context import check_errors, create_context
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
 from .plan import DeviceLimits, Plan, make_plan
+from .shader import ShaderError
+
+#: Planes that are averaged over the samples of a pixel. Depth takes the nearest, the others the first sample: the mean
+#: of a surface's normal and the background's is no normal.
+AVERAGED = ("color", "alpha", "transmittance", "volume", "emission")
 
 
 class Renderer:
@@ -42,7 +47,7 @@ class Renderer:
             self._frame = Frame(self.context)
         self.device: str = info["GL_RENDERER"]
         texture_size = min(info["GL_MAX_TEXTURE_SIZE"], *info["GL_MAX_VIEWPORT_DIMS"][:2])
-        self.limits = DeviceLimits(texture_size, info["GL_MAX_3D_TEXTURE_SIZE"])
+        self.limits = DeviceLimits(texture_size, info["GL_MAX_3D_TEXTURE_SIZE"], info["GL_MAX_UNIFORM_BLOCK_SIZE"])
         self._states: dict[str, tuple[Hashable, int]] = {}
         self._serial = itertools.count(1)
         #: Names of the passes that ran in the last frame, in order.
@@ -107,10 +112,12 @@ class Renderer:
                 total = planes
             else:
                 for name, plane in planes.items():
-                    # Distances do not average; the nearest surface in a pixel stands.
-                    total[name] = np.minimum(total[name], plane) if name == "depth" else total[name] + plane
+                    if name == "depth":
+                        total[name] = np.minimum(total[name], plane)
+                    elif name in AVERAGED:
+                        total[name] = total[name] + plane
         if len(shifts) > 1:
-            total = {name: plane if name == "depth" else plane / len(shifts) for name, plane in total.items()}
+            total = {name: plane / len(shifts) if name in AVERAGED else plane for name, plane in total.items()}
         report(1.0)
         stats = {
             "plan": [
@@ -144,6 +151,7 @@ class Renderer:
         frame.plan = plan
         with self.context:
             frame.rest()
+            frame.release_unused()
             if plan.maps and frame.maps.update(plan):
                 self._forget("transmittance_map")
             if plan.shadow_tiles and frame.shadows.update(plan):
@@ -160,13 +168,17 @@ class Renderer:
                 begin = time.perf_counter()
                 # A pass that fails halfway must run again.
                 self._states.pop(p.name, None)
-                RUNNERS[p.kind](frame, p)
-                if times is not None:
-                    self.context.finish()
-                    times[p.name] = times.get(p.name, 0.0) + time.perf_counter() - begin
-                check_errors(self.context, p.name)
+                try:
+                    RUNNERS[p.kind](frame, p)
+                    if times is not None:
+                        self.context.finish()
+                        times[p.name] = times.get(p.name, 0.0) + time.perf_counter() - begin
+                    check_errors(self.context, p.name)
+                except (ShaderError, moderngl.Error, MemoryError, RuntimeError) as error:
+                    raise PrevisError(f"{p.name}: {type(error).__name__}: {error}") from error
                 self._states[p.name] = (state, next(self._serial))
                 self.executed.append(p.name)
+            frame.rest()
 
     def forget_scene(self) -> None:
         """Free what belongs to the scene last rendered; compiled shaders stay."""

@@ -343,6 +343,11 @@ class Targets:
     def __contains__(self, name: str) -> bool:
         return name in self._held
 
+    def keep(self, names: set[str]) -> None:
+        """Free the framebuffers of other names."""
+        for name in set(self._held) - names:
+            self._free(self._held.pop(name)[1])
+
     @staticmethod
     def _free(framebuffer: moderngl.Framebuffer) -> None:
         attachments = [*framebuffer.color_attachments, framebuffer.depth_attachment]

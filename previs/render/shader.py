@@ -100,7 +100,8 @@ def _literal(value: Any) -> str:
 
 
 class Program:
-    """A linked program. Uniforms are set by name; names that the compiler removed are skipped."""
+    """A linked program. Uniforms are set by name; a name that this variant does not use is skipped, so that callers
+    need not know the variants."""
 
     def __init__(self, context: moderngl.Context, vertex: str, fragment: str, defines: Mapping[str, Any]) -> None:
         sources = [compose(vertex, defines), compose(fragment, defines)]
@@ -155,6 +156,7 @@ class ShaderCache:
         self._context = context
         self._units = units
         self._programs: dict[tuple, Program] = {}
+        self._names: dict[str, frozenset[str]] = {}
 
     def get(self, vertex: str, fragment: str, **defines: Any) -> Program:
         """The program for these files and defines.
@@ -162,12 +164,33 @@ class ShaderCache:
         Raises:
             ShaderError: when it cannot be composed or compiled.
         """
+        # Only what the sources mention makes a variant: a knob of one pass does not compile the others anew.
+        mentioned = self._mentioned(vertex) | self._mentioned(fragment)
+        defines = {name: value for name, value in defines.items() if name in mentioned}
         key = (vertex, fragment, tuple(sorted(defines.items())))
         if key not in self._programs:
             program = self._programs[key] = Program(self._context, vertex, fragment, defines)
             # All at once: a sampler left at unit 0 would share it with one of another type, which GL refuses to draw.
             program.set(**self._units)
         return self._programs[key]
+
+    def _mentioned(self, name: str) -> frozenset[str]:
+        """All upper-case names in a shader file and in what it includes."""
+        if name not in self._names:
+            found: set[str] = set()
+            pending, seen = [name], set()
+            while pending:
+                file = pending.pop()
+                if file in seen:
+                    continue
+                seen.add(file)
+                path = shader_folder() / file
+                for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+                    if match := _INCLUDE.match(line):
+                        pending.append(match[1])
+                    found.update(_NAME.findall(line))
+            self._names[name] = frozenset(found)
+        return self._names[name]
 
     def release(self) -> None:
         """Free all programs."""

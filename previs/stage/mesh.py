@@ -19,7 +19,6 @@ from .geometry import BuiltGeometry, Part, make_geometry
 from .material import bound_material, is_volume_only, read_surface
 from .polygons import flat_normals, smooth_normals, triangulate, unit
 from .primitives import build_primitive, is_primitive
-from .values import attribute_value
 
 _PER_POINT = (UsdGeom.Tokens.vertex, UsdGeom.Tokens.varying)
 
@@ -31,9 +30,10 @@ class _BadMeshError(Exception):
 def read_mesh(prim: Usd.Prim, placement: Placement, context: Context, out: Translation) -> None:
     """Translate a Mesh or an implicit shape into one record per material; a broken one is reported and left out."""
     owner = prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim
-    out.depend(owner.GetPath())
     build = _build_primitive if is_primitive(prim) else _build_mesh
     built = context.geometries.get(owner.GetPath(), context.time, lambda: build(owner, context.time))
+    if built.time_varying:
+        out.varying = True
     out.notes.extend(replace(n, path=str(prim.GetPath())) for n in built.notes)
     if not np.all(np.isfinite(placement.matrices)):
         out.note("ignored", prim, "its transform is not finite; it is left out")
@@ -58,7 +58,6 @@ def read_mesh(prim: Usd.Prim, placement: Placement, context: Context, out: Trans
                         geometry=context.geometries.variant(part.geometry, colors, mirrored),
                         local_to_world=matrices,
                         surface=surface,
-                        double_sided=bool(attribute_value(prim, "doubleSided", context.time, False)),
                     )
                 )
     if built.subdivided:

@@ -1,4 +1,5 @@
-// Emitted radiance: a colour, times an emission field, times the blackbody colour of a temperature field.
+// Emitted radiance: a colour, times an emission field, times the blackbody colour of a temperature field. Outside its own
+// box a field has its background's value, which the outermost texels of its block hold.
 
 struct Emission {
     mat4 world_to_temperature;  // -> the unit cube of the temperature field
@@ -26,11 +27,10 @@ vec3 emitted_radiance(int v, vec3 position) {
     int fields = int(emissions[v].field_offset.w);
 #if HAS_TEMPERATURE
     if ((fields & 1) != 0) {
-        vec3 cube = (emissions[v].world_to_temperature * vec4(position, 1.0)).xyz;
-        float kelvin = emissions[v].temperature_offset.w;
-        if (all(greaterThanEqual(cube, vec3(0.0))) && all(lessThanEqual(cube, vec3(1.0))))
-            kelvin += texture(temperature_atlas, cube * emissions[v].temperature_scale.xyz + emissions[v].temperature_offset.xyz).r
-                * emissions[v].temperature_scale.w;
+        vec3 cube = clamp((emissions[v].world_to_temperature * vec4(position, 1.0)).xyz, 0.0, 1.0);
+        vec3 texel = cube * emissions[v].temperature_scale.xyz + emissions[v].temperature_offset.xyz;
+        float kelvin = texture(temperature_atlas, texel).r * emissions[v].temperature_scale.w
+            + emissions[v].temperature_offset.w;
         float u = clamp((kelvin - blackbody_range.x) * blackbody_range.y, 0.0, 1.0);
         float size = float(textureSize(blackbody_table, 0).x);
         radiance *= texture(blackbody_table, vec2((u * (size - 1.0) + 0.5) / size, 0.5)).rgb;
@@ -38,8 +38,7 @@ vec3 emitted_radiance(int v, vec3 position) {
 #endif
 #if HAS_EMISSION_FIELD
     if ((fields & 2) != 0) {
-        vec3 cube = (emissions[v].world_to_field * vec4(position, 1.0)).xyz;
-        if (any(lessThan(cube, vec3(0.0))) || any(greaterThan(cube, vec3(1.0)))) return vec3(0.0);
+        vec3 cube = clamp((emissions[v].world_to_field * vec4(position, 1.0)).xyz, 0.0, 1.0);
         radiance *= texture(emission_atlas, cube * emissions[v].field_scale.xyz + emissions[v].field_offset.xyz).rgb
             * emissions[v].field_scale.w;
     }

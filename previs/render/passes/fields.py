@@ -11,6 +11,6 @@ def run_fields(frame: Frame, planned: PlannedPass) -> None:
     volumes = planned.payload
     memory = frame.plan.settings.field_memory * 2**20
     limit = frame.plan.limits.texture_3d_size
-    frame.density.update({v.path: v.density for v in volumes if v.density is not None}, memory, limit)
-    frame.temperature.update({v.path: v.temperature for v in volumes if v.temperature is not None}, memory, limit)
-    frame.emission.update({v.path: v.emission for v in volumes if v.emission is not None}, memory, limit)
+    for atlas, role in ((frame.density, "density"), (frame.temperature, "temperature"), (frame.emission, "emission")):
+        fields = {v.path: getattr(v, role) for v in volumes}
+        atlas.update({p: f for p, f in fields.items() if f is not None and f.grid.active_count}, memory, limit)

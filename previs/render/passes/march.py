@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 
 from ..frame import Frame
-from ..plan import PlannedPass
+from ..plan import PlannedPass, projective_minimum
 
 
 def run_march(frame: Frame, planned: PlannedPass) -> None:
@@ -16,7 +16,10 @@ def run_march(frame: Frame, planned: PlannedPass) -> None:
     draws = [(batch, part) for batch in plan.batches for part in plan.slices]
     program = frame.fullscreen("march.frag", RESUMES=len(draws) > 1)
     frame.bind_camera(program)
-    program.set(opacity_cutoff=plan.settings.opacity_cutoff)
+    program.set(
+        opacity_cutoff=plan.settings.opacity_cutoff,
+        projective_minimum=projective_minimum(plan.settings),
+    )
     if plan.meshes:
         frame.bind(gbuffer_normal_distance=frame.targets["gbuffer"].color_attachments[0])
     if plan.defines["HAS_EMISSION"]:
