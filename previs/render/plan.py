@@ -451,7 +451,7 @@ def _map_size(volumes, grids: list[int], lights: int, settings: Settings, limits
     wanted = settings.map_size
     if not wanted:
         longest = max(int(field_dims(volumes[i].density).max()) for i in grids)
-        wanted = int(np.clip(-(-longest * 2 // 32) * 32, 128, 512))
+        wanted = int(np.clip(-(-longest * 2 // 32) * 32, 64, 512))
     bytes_per_texel = 8 + 8 * map_layers(settings.coefficients)
     size = fitting_size(wanted, len(grids) * lights, bytes_per_texel, limits)
     if size < wanted:
