@@ -34,6 +34,7 @@ from .stage.field import GridCache, read_field
 from .stage.material import PREVIS_VOLUME, bound_material, is_volume_only, previs_volume_shader, read_medium
 from .stage.opening import FilePath
 from .stage.polygons import smooth_normals, triangulate
+from .stage.values import time_code
 
 _COLORS = ("extinction", "albedo", "scattering", "absorption", "emission")
 _RANGES = {
@@ -142,7 +143,7 @@ class Scene:
         return self._reader
 
     def describe(self, time: float | None = None) -> SceneDescription:
-        """The scene as the renderer sees it, at a time code (None: the earliest).
+        """The scene as the renderer sees it, at a time code (None: the earliest; NaN: USD's default time).
 
         Only what changed since the last call is read again. Raises `PrevisError` when a volume cannot be read.
         """
@@ -165,7 +166,7 @@ class Scene:
         prim = self._volume_prim(path)
         out = Translation(prim.GetPath())
         with quiet_diagnostics():
-            return read_medium(prim, bound_material(prim, out), _time_code(time), out)
+            return read_medium(prim, bound_material(prim, out), time_code(time), out)
 
     # --- volumes ----------------------------------------------------------------------------------------------
 
@@ -221,7 +222,7 @@ class Scene:
         volume = UsdVol.Volume(prim)
         if transform is None and bounds is None and volume.HasFieldRelationship("density"):
             asset = self.stage.GetPrimAtPath(volume.GetFieldPath("density"))
-            transform = read_field(asset, _time_code(None), GridCache(Counter()))[0].grid.index_to_world
+            transform = read_field(asset, time_code(None), GridCache(Counter()))[0].grid.index_to_world
         matrix = _index_transform(arrays["density"].shape, bounds, transform)
         self._author_voxels(volume, arrays, matrix)
 
@@ -310,7 +311,6 @@ class Scene:
         normals: ArrayLike | None = None,
         smooth: bool = False,
         transform: ArrayLike | None = None,
-        double_sided: bool = True,
     ) -> str:
         """Add a polygon mesh; returns its prim path.
 
@@ -336,7 +336,8 @@ class Scene:
         mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(counts.astype(np.int32)))
         mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(indices.astype(np.int32)))
         mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-        mesh.CreateDoubleSidedAttr(bool(double_sided))
+        # As we show every mesh, for other programs.
+        mesh.CreateDoubleSidedAttr(True)
         extent = np.array([vertices.min(axis=0), vertices.max(axis=0)], np.float32)
         mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(extent))
         if vertex_normals is not None:
@@ -472,12 +473,12 @@ class Scene:
             attribute = UsdGeom.Imageable(prim).CreateVisibilityAttr()
             _set_value(attribute, UsdGeom.Tokens.inherited if visible else UsdGeom.Tokens.invisible, None)
         if position is not None or direction is not None:
-            world = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(_time_code(None)), float)
+            world = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time_code(None)), float)
             if direction is not None:
                 world = _looking(world[3, :3], direction)
             if position is not None:
                 world[3, :3] = _vector("position", position)
-            parent = np.array(UsdGeom.Xformable(prim).ComputeParentToWorldTransform(_time_code(None)), float)
+            parent = np.array(UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time_code(None)), float)
             _place(UsdGeom.Xformable(prim), world @ np.linalg.inv(parent))
 
     # --- cameras ----------------------------------------------------------------------------------------------
@@ -674,7 +675,7 @@ class Scene:
         for pair, other in (pairs, pairs[::-1]):
             if any(n in values for n in pair) and any(_drives(shader, n) for n in other):
                 # One parametrisation takes the place of the other; what is not set keeps its present value.
-                current = read_medium(prim, bound_material(prim, out), _time_code(time), out)
+                current = read_medium(prim, bound_material(prim, out), time_code(time), out)
                 for name in pair:
                     values.setdefault(name, getattr(current, name))
                 for name in other:
@@ -781,10 +782,6 @@ class Scene:
 
 
 # --- attributes -----------------------------------------------------------------------------------------------
-
-
-def _time_code(time: float | None) -> Usd.TimeCode:
-    return Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(float(time))
 
 
 def _producer(shader: UsdShade.Shader, name: str) -> Usd.Attribute | None:

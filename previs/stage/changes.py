@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from pxr import Sdf, Tf, Usd
 
-#: Stage metadata that no translated prim depends on, or that is read anew every time.
+#: Stage metadata that no translated prim depends on; the up axis belongs to the description alone.
 _HARMLESS_STAGE_FIELDS = frozenset(
     "comment documentation defaultPrim upAxis metersPerUnit customLayerData framesPerSecond startTimeCode "
     "endTimeCode startFrame endFrame subLayers subLayerOffsets owner sessionOwner".split()
@@ -18,15 +18,17 @@ _HARMLESS_STAGE_FIELDS = frozenset(
 class Changes:
     """Changed prims with the names of their changed properties, and prims whose whole subtree was recomposed.
 
-    `everything` asks for a complete translation: something changed whose reach is not known.
+    `up_axis` changes the description without any prim. `everything` asks for a complete translation: something
+    changed whose reach is not known.
     """
 
     properties: dict[Sdf.Path, set[str]] = field(default_factory=dict)
     resynced: set[Sdf.Path] = field(default_factory=set)
+    up_axis: bool = False
     everything: bool = False
 
     def __bool__(self) -> bool:
-        return bool(self.properties or self.resynced or self.everything)
+        return bool(self.properties or self.resynced or self.up_axis or self.everything)
 
 
 class ChangeTracker:
@@ -74,6 +76,7 @@ class ChangeTracker:
             if path.IsPropertyPath():
                 self._property(path)
             elif path == Sdf.Path.absoluteRootPath:
+                self._changes.up_axis |= "upAxis" in fields
                 self._changes.everything |= not _HARMLESS_STAGE_FIELDS.issuperset(fields)
             elif fields:
                 # Metadata of a prim, such as an applied schema; empty fields only mean that a spec was made.

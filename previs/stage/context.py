@@ -52,7 +52,11 @@ class Placement:
 
 @dataclass
 class Translation:
-    """What one prim gave, and the prims it depends on: a change in or above any of their subtrees makes it stale."""
+    """What one prim gave, and the prims it depends on: a change in or above any of their subtrees makes it stale.
+
+    `grid_files` are the files of the grids it uses, by their keys. `varying` is whether it may differ at another time,
+    None where nobody has looked yet.
+    """
 
     path: Sdf.Path
     volumes: list[Volume] = field(default_factory=list)
@@ -61,15 +65,23 @@ class Translation:
     cameras: list[Camera] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     dependencies: set[Sdf.Path] = field(default_factory=set)
-    grid_keys: set[Hashable] = field(default_factory=set)
+    grid_files: dict[Hashable, str] = field(default_factory=dict)
     subdivided: bool = False
+    varying: bool | None = None
 
     def __post_init__(self) -> None:
         self.dependencies.add(self.path)
 
-    def depend(self, *paths: Sdf.Path) -> None:
-        """Remember prims whose change makes this translation stale."""
-        self.dependencies.update(paths)
+    def depend(self, prim: Usd.Prim) -> None:
+        """Remember a prim that is read: its change makes this translation stale, its animation makes it varying."""
+        self.dependencies.add(prim.GetPath())
+        # Whatever instances share changes under the paths of prototypes: that of the instance around the prim, and
+        # where this instance is itself within another one, that of the outer one too.
+        while prim.IsInstanceProxy():
+            self.dependencies.add(prim.GetPrimInPrototype().GetPath())
+            prim = prim.GetParent()
+            while not prim.IsInstance():
+                prim = prim.GetParent()
 
     def note(self, kind: NoteKind, prim: Usd.Prim | Sdf.Path | str, message: str) -> None:
         """Report something that the picture does not show as authored."""

@@ -25,9 +25,10 @@ CACHE_BYTES = 1 << 30
 
 @dataclass
 class LoadedGrid:
-    """A grid, its identity, and what is to be said of it (`notes` are (kind, message))."""
+    """A grid, its file and identity, and what is to be said of it (`notes` are (kind, message))."""
 
     key: Hashable
+    file: str
     grid: SparseGrid
     notes: list[tuple[str, str]]
 
@@ -72,9 +73,9 @@ class GridCache:
             grid, notes = _pick(_read_file(resolved, name), resolved, index)
             self._counters["grids"] += 1
             grid, repairs = cleaned(grid)
-            found = self._grids[key] = LoadedGrid(key, grid, notes + repairs)
+            found = self._grids[key] = LoadedGrid(key, resolved, grid, notes + repairs)
         self._grids.move_to_end(key)
-        return found
+        return found if found.file == resolved else replace(found, file=resolved)
 
 
 def read_field(prim: Usd.Prim, time: Usd.TimeCode, grids: GridCache) -> tuple[LoadedGrid, list[Note]]:
@@ -117,6 +118,14 @@ def _identity(resolved: str) -> tuple[Hashable, ...]:
     except OSError as error:
         raise PrevisError(f"{outer}: {error.strerror or error}") from error
     return os.path.realpath(outer), inner, status.st_mtime_ns, status.st_size
+
+
+def is_current(key: Hashable, file: str) -> bool:
+    """Whether a file still holds the grid that was read from it under that key."""
+    try:
+        return _identity(file) == key[:-2]
+    except PrevisError:
+        return False
 
 
 def _read_file(resolved: str, name: str) -> list[SparseGrid]:

@@ -76,8 +76,11 @@ class GeometryCache:
     def get(self, path: Sdf.Path, time: Usd.TimeCode, build: Callable[[], BuiltGeometry]) -> BuiltGeometry:
         """The triangles of a prim, built only when they are not known for this time."""
         entry = self._built.get(path)
-        if entry is not None and (entry[0] == time or not entry[1].time_varying):
-            return entry[1]
+        if entry is not None:
+            made_at, built = entry
+            # A single sample varies at no time, but does not count at the default time.
+            if made_at == time or (not built.time_varying and made_at.IsDefault() == time.IsDefault()):
+                return built
         built = build()
         self._counters["geometry"] += 1
         self._built[path] = (time, built)

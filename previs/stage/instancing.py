@@ -56,7 +56,6 @@ def read_point_instancer(
     if indices.min() < 0 or indices.max() >= len(targets):
         out.note("ignored", prim, f"protoIndices outside its {len(targets)} prototypes")
     for p, target in enumerate(targets):
-        out.depend(target)
         chosen = np.flatnonzero((indices == p) & mask)
         if len(chosen) == 0:
             continue
@@ -84,6 +83,7 @@ def _read_prototype(
 ) -> None:
     walk = iter(Usd.PrimRange(root, Usd.TraverseInstanceProxies(_PROTOTYPE_PRIMS)))
     for prim in walk:
+        out.depend(prim)
         if _hidden(prim, context.time):
             walk.PruneChildren()
             continue

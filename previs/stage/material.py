@@ -34,7 +34,7 @@ def bound_material(prim: Usd.Prim, out: Translation) -> UsdShade.Material | None
     for purpose in (UsdShade.Tokens.preview, UsdShade.Tokens.full):
         material, _ = binding.ComputeBoundMaterial(purpose)
         if material:
-            out.depend(material.GetPath())
+            out.depend(material.GetPrim())
             return material
     owner = prim
     while owner and not owner.IsPseudoRoot():
@@ -81,7 +81,7 @@ def _volume_shaders(material: UsdShade.Material, out: Translation) -> list[UsdSh
         for attribute in UsdShade.Utils.GetValueProducingAttributes(output, True):
             shader = UsdShade.Shader(attribute.GetPrim())
             if shader:
-                out.depend(shader.GetPath())
+                out.depend(shader.GetPrim())
                 shaders.append(shader)
     return shaders
 
@@ -112,7 +112,7 @@ def _input_source(
     if not shader_input:
         return None, None
     for attribute in UsdShade.Utils.GetValueProducingAttributes(shader_input):
-        out.depend(attribute.GetPrim().GetPath())
+        out.depend(attribute.GetPrim())
         if UsdShade.Output.IsOutput(attribute):
             return None, UsdShade.Shader(attribute.GetPrim())
         return attribute, None
@@ -233,7 +233,7 @@ def _surface_shader(material: UsdShade.Material, out: Translation) -> UsdShade.S
         for attribute in UsdShade.Utils.GetValueProducingAttributes(output, True):
             shader = UsdShade.Shader(attribute.GetPrim())
             if shader:
-                out.depend(shader.GetPath())
+                out.depend(shader.GetPrim())
                 found.append(shader)
     preview = [s for s in found if s.GetShaderId() == "UsdPreviewSurface"]
     return (preview or found or [None])[0]

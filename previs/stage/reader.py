@@ -1,9 +1,9 @@
 """Reads a stage into a scene description, and reads again only what changed.
 
-Every prim that gives something has a `Translation`: its records and the prims they depend on. At an unchanged time a
-new reading keeps the translations that no change notice reached. A recomposition of prims (an added or removed prim, a
-variant, a first binding) or another time makes all of them anew, which is cheap: voxels and triangles come from
-caches of their own, which only a change of the properties behind them empties.
+Every prim that gives something has a `Translation`: its records and the prims they depend on. A new reading keeps the
+translations that no change notice reached and, at another time, that nothing animates. A recomposition of prims (an
+added or removed prim, a variant, a first binding) makes all of them anew, which is cheap: voxels and triangles come
+from caches of their own, which only a change of the properties behind them empties.
 """
 
 from __future__ import annotations
@@ -16,12 +16,11 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdVol
 
 from ..description import Camera, Light, Mesh, Note, SceneDescription, Volume
-from ..errors import PrevisError
 from .camera import read_camera
 from .changes import ChangeTracker
 from .context import Context, Placement, Translation
 from .diagnostics import quiet_diagnostics
-from .field import GridCache
+from .field import GridCache, is_current
 from .geometry import GeometryCache
 from .instancing import is_visible_purpose, prototype_path, read_point_instancer
 from .light import is_light, read_light
@@ -29,7 +28,8 @@ from .material import bound_material, is_volume_only
 from .mesh import read_mesh
 from .primitives import is_primitive
 from .render_settings import RenderSettings, read_render_settings
-from .values import numpy_matrix
+from .values import numpy_matrix, time_code
+from .variation import Variation
 from .volume import read_homogeneous_shape, read_volume
 
 #: A light whose radius is more than this part of the scene's diagonal is noted as reduced to its centre.
@@ -91,12 +91,12 @@ class StageReader:
     def read(self, time: Time = None) -> SceneDescription:
         """Everything in the stage at a time code that a renderer may use.
 
-        `time` is a number, a Usd.TimeCode, or None for the earliest time (as usdrecord renders a stage without
-        frames). Raises `PrevisError`, one line that names the prim, the file and the cause, when a volume cannot be
-        read and the reader does not keep going.
+        `time` is a number, a Usd.TimeCode, None for the earliest time (as usdrecord renders a stage without frames),
+        or NaN for USD's default time, which knows no animation. Raises `PrevisError`, one line that names the prim,
+        the file and the cause, when a volume cannot be read and the reader does not keep going.
         """
         with quiet_diagnostics():
-            return self._read(_time_code(time))
+            return self._read(time_code(time))
 
     def _read(self, time: Usd.TimeCode) -> SceneDescription:
         if not self._drop_stale(time) and self._scene is not None:
@@ -126,7 +126,7 @@ class StageReader:
                 self._translations[path] = out
             translations.append(out)
         for out in translations:
-            for key in out.grid_keys:
+            for key in out.grid_files:
                 self._grids.use(key)
         self._grids.end()
         scene = self._merge(translations)
@@ -141,15 +141,21 @@ class StageReader:
             self._geometries.forget(changes)
         if changes.resynced or changes.everything:
             self._prims = None
-        if changes.resynced or changes.everything or time != self._time:
+        known = len(self._translations)
+        dirty, last_time, self._time = list(changes.properties), self._time, time
+        from_or_to_default = last_time is not None and time.IsDefault() != last_time.IsDefault()
+        if changes.resynced or changes.everything or from_or_to_default:
             self._translations.clear()
-        elif changes.properties:
-            dirty = list(changes.properties)
-            for path in [p for p, out in self._translations.items() if out.stale(dirty)]:
-                del self._translations[path]
-        moved = bool(changes) or time != self._time
-        self._time = time
-        return moved
+        else:
+            self._drop(out for out in self._translations.values() if out.stale(dirty))
+            if time != last_time:
+                variation = Variation(self.stage)
+                self._drop(out for out in self._translations.values() if variation.varies(out) or _rewritten(out))
+        return bool(changes) or len(self._translations) < known
+
+    def _drop(self, translations: Iterable[Translation]) -> None:
+        for out in list(translations):
+            del self._translations[out.path]
 
     def _interesting_prims(self) -> Iterator[Usd.Prim]:
         """Prims that may give records, in the order of the stage; those under PointInstancers belong to them."""
@@ -182,9 +188,7 @@ class StageReader:
     def _translate(self, prim: Usd.Prim, context: Context) -> Translation:
         self.counters["prims"] += 1
         out = Translation(prim.GetPath())
-        if prim.IsInstanceProxy():
-            # Edits of shared content arrive under the prototype's path.
-            out.depend(prim.GetPrimInPrototype().GetPath())
+        out.depend(prim)
         if prim.IsA(UsdGeom.Camera):
             read_camera(prim, context, out)
             return out
@@ -254,6 +258,11 @@ def _translate_placed(prim: Usd.Prim, placement: Placement, context: Context, ou
         read_light(prim, placement, context, out)
 
 
+def _rewritten(out: Translation) -> bool:
+    """Whether a file of voxels is another one than when it was read."""
+    return not all(is_current(key, file) for key, file in out.grid_files.items())
+
+
 def _is_medium(prim: Usd.Prim, out: Translation) -> bool:
     material = bound_material(prim, Translation(out.path))
     return material is not None and is_volume_only(material)
@@ -296,14 +305,3 @@ def _large_light_notes(scene: SceneDescription) -> list[Note]:
         for light in lights
         if diagonal > 0.0 and light.world_radius > LARGE_LIGHT * diagonal
     ]
-
-
-def _time_code(time: Time) -> Usd.TimeCode:
-    if time is None:
-        return Usd.TimeCode.EarliestTime()
-    if isinstance(time, Usd.TimeCode):
-        return time
-    value = float(time)
-    if not np.isfinite(value):
-        raise PrevisError(f"time {time} is not a finite time code")
-    return Usd.TimeCode(value)

@@ -9,6 +9,18 @@ import numpy as np
 from pxr import Usd
 
 from ..description import Color
+from ..errors import PrevisError
+
+
+def time_code(time: float | Usd.TimeCode | None) -> Usd.TimeCode:
+    """A time as USD has it: None is the earliest time, NaN the default time. Raises `PrevisError` for an infinity."""
+    if time is None:
+        return Usd.TimeCode.EarliestTime()
+    if isinstance(time, Usd.TimeCode):
+        return time
+    if math.isinf(time):
+        raise PrevisError(f"time {time} is not a finite time code")
+    return Usd.TimeCode(float(time))
 
 
 def attribute_value(prim: Usd.Prim, name: str, time: Usd.TimeCode, default: Any = None) -> Any:

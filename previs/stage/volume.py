@@ -34,6 +34,8 @@ def read_volume(prim: Usd.Prim, placement: Placement, context: Context, out: Tra
             raise
         subject, _, message = str(error).partition(": ")
         out.note("missing", subject, f"{message}; the volume is left out")
+        # The file may be there by the next time.
+        out.varying = True
 
 
 def _read_volume(prim: Usd.Prim, placement: Placement, context: Context, out: Translation) -> None:
@@ -103,10 +105,10 @@ def _field_prims(prim: Usd.Prim, context: Context, out: Translation) -> dict[str
     found = {}
     for name, path in sorted(UsdVol.Volume(prim).GetFieldPaths().items()):
         path = Sdf.Path(path)
-        out.depend(path)
         target = context.stage.GetPrimAtPath(path)
         if not target:
             raise PrevisError(f"{prim.GetPath()}: field:{name} points to {path}, which does not exist")
+        out.depend(target)
         if not target.IsA(UsdVol.OpenVDBAsset):
             out.note("ignored", target, f"a {target.GetTypeName() or 'prim without a type'} is not read as a field")
             continue
@@ -141,7 +143,7 @@ def _read_field(
     """The field of that name, None (with a note) for an empty grid."""
     target = fields[name]
     loaded, notes = read_field(target, context.time, context.grids)
-    out.grid_keys.add(loaded.key)
+    out.grid_files[loaded.key] = loaded.file
     out.notes.extend(notes)
     if loaded.grid.active_count == 0:
         consequence = "the volume is left out" if name not in ("temperature", "emission") else "the field is left out"

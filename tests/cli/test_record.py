@@ -138,7 +138,6 @@ def test_strides_fractions_and_decimals(run, stages, tmp_path):
     ]
 
 
-@pytest.mark.xfail(strict=True, reason="the stage reader has no word for USD's default time")
 def test_default_time(run, stages, tmp_path):
     ok(run("record", stages / "smoke.usda", tmp_path / "a.png", "--defaultTime", "-w", 16))
     assert (tmp_path / "a.png").is_file()

@@ -144,9 +144,12 @@ def test_another_file_is_read_once(watched, tmp_path):
     assert scene.volumes["/World/Smoke"].density.key != watched.first.volumes["/World/Smoke"].density.key
 
 
-def test_another_time_reads_no_static_data(watched):
-    _, work = watched(7.0)
-    assert set(work) == {"prims"}
+def test_an_edit_of_the_up_axis_arrives(watched):
+    assert watched.first.up_axis == "Y"
+    UsdGeom.SetStageUpAxis(watched.stage, UsdGeom.Tokens.z)
+    scene, work = watched()
+    assert scene.up_axis == "Z"
+    assert work == {}
 
 
 def test_a_first_binding_reads_no_heavy_data(watched):
@@ -218,6 +221,131 @@ def Xform "a" (references = </P>
     scene, work = watched()
     assert scene.meshes["/a/X"].local_to_world[0, 3, 0] == 2.0
     assert "geometry" not in work
+
+
+SHARED = (
+    """
+class "Proto" {
+    def Volume "V" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+        rel material:binding = </Proto/Mat/M>
+        rel field:density = </Proto/Fields/f> }
+    def Scope "Fields" { def OpenVDBAsset "f" { asset filePath = @FILE@
+            double xformOp:translateX = 0
+            uniform token[] xformOpOrder = ["xformOp:translateX"] } }
+    def Mesh "Ground" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+        rel material:binding = </Proto/Mat/Paint>
+        QUAD }
+    def Scope "Mat" {
+        def Material "M" { token outputs:volume.connect = </Proto/Mat/M/S.outputs:out>
+            def Shader "S" { uniform token info:id = "PrevisVolume"
+                color3f inputs:albedo = (0.5, 0.5, 0.5)
+                float inputs:anisotropy.connect = </Proto/Mat/M.inputs:g>
+                token outputs:out }
+            float inputs:g = 0 }
+        def Material "Paint" { token outputs:surface.connect = </Proto/Mat/Paint/S.outputs:out>
+            def Shader "S" { uniform token info:id = "UsdPreviewSurface"
+                color3f inputs:diffuseColor = (0.5, 0.5, 0.5)
+                token outputs:out } }
+    }
+    def SphereLight "Lamp" { float inputs:intensity = 1 }
+}
+def Xform "Outer" {
+    def Xform "Inner" (references = </Proto>
+ instanceable = true) { double xformOp:translateX = 0
+        uniform token[] xformOpOrder = ["xformOp:translateX"]
+    }
+}
+"""
+).replace("QUAD", QUAD)
+INSTANCED = {
+    "once": """
+def Xform "A" (references = </Proto>
+ instanceable = true) {}
+def Xform "B" (references = </Proto>
+ instanceable = true) {}
+""",
+    "nested": """
+def Xform "A" (references = </Outer>
+ instanceable = true) {}
+def Xform "B" (references = </Outer>
+ instanceable = true) {}
+""",
+    "points": """
+def PointInstancer "I" { rel prototypes = </I/P>
+    int[] protoIndices = [0, 0]
+    point3f[] positions = [(1, 0, 0), (2, 0, 0)]
+    def Xform "P" (references = </Outer>
+ instanceable = true) {} }
+""",
+}
+
+
+@pytest.mark.parametrize("how", INSTANCED)
+def test_edits_of_what_instances_share(tmp_path, how):
+    """Whatever a prim in an instance is read from, its edit reaches all instances, the first edit and the next ones."""
+    file = write_field(tmp_path / "smoke.vdb")
+    watched = Watched(stage_of(SHARED.replace("FILE", str(file)) + INSTANCED[how]))
+
+    def shared(records):
+        """What the instances show, without the prototype's source where that is shown too."""
+        found = [r for path, r in records.items() if not path.startswith("/Outer")]
+        assert found
+        return found
+
+    for value in (0.25, 0.75):
+        for path, authored in (
+            ("Mat/M/S.inputs:albedo", (value,) * 3),
+            ("Mat/M.inputs:g", value),
+            ("Fields/f.xformOp:translateX", value),
+            ("Mat/Paint/S.inputs:diffuseColor", (value,) * 3),
+            ("Lamp.inputs:intensity", value),
+        ):
+            attribute(watched, f"/Proto/{path}").Set(authored)
+            scene, _ = watched()
+            for volume in shared(scene.volumes):
+                if path.startswith("Mat/M/"):
+                    assert volume.medium.albedo == (value,) * 3
+                elif path.startswith("Mat/M."):
+                    assert volume.medium.anisotropy == value
+                elif path.startswith("Fields"):
+                    assert volume.density.index_to_local[3, 0] == value
+            for mesh in shared(scene.meshes):
+                if path.startswith("Mat/Paint"):
+                    assert mesh.surface.diffuse_color == (value,) * 3
+            for light in shared(scene.lights):
+                if path.startswith("Lamp"):
+                    assert light.radiance == (value,) * 3
+        attribute(watched, "/Proto/Ground.points").Set([(0, 0, 0), (value, 0, 0), (value, 1, 0), (0, 1, 0)])
+        scene, _ = watched()
+        assert all(m.geometry.points.max(axis=0)[0] == value for m in shared(scene.meshes))
+
+
+@pytest.mark.parametrize("how", INSTANCED)
+def test_another_shader_for_a_shared_material(tmp_path, how):
+    file = write_field(tmp_path / "smoke.vdb")
+    watched = Watched(stage_of(SHARED.replace("FILE", str(file)) + INSTANCED[how]))
+    output = UsdShade.Material(watched.stage.GetPrimAtPath("/Proto/Mat/M")).GetVolumeOutput()
+    shader = UsdShade.Shader.Define(watched.stage, "/Proto/Mat/M/Other")
+    shader.CreateIdAttr("PrevisVolume")
+    shader.CreateInput("density_scale", Sdf.ValueTypeNames.Float).Set(3.0)
+    shader.CreateOutput("out", Sdf.ValueTypeNames.Token)
+    watched()
+    for targets, scale in ((["Other"], 3.0), (["S"], 1.0), ([], 1.0), (["Other"], 3.0)):
+        output.GetAttr().SetConnections([f"/Proto/Mat/M/{t}.outputs:out" for t in targets])
+        scene, _ = watched()
+        assert {v.medium.density_scale for v in scene.volumes.values()} == {scale}
+
+
+@pytest.mark.parametrize("how", ["nested", "points"])
+def test_moving_an_instance_within_a_prototype(tmp_path, how):
+    file = write_field(tmp_path / "smoke.vdb")
+    watched = Watched(stage_of(SHARED.replace("FILE", str(file)) + INSTANCED[how]))
+    for x in (5.0, 7.0):
+        attribute(watched, "/Outer/Inner.xformOp:translateX").Set(x)
+        scene, _ = watched()
+        offsets = [1.0, 2.0] if how == "points" else [0.0, 0.0]
+        moved = [v.local_to_world[3, 0] for path, v in scene.volumes.items() if not path.startswith("/Outer")]
+        assert moved == [x + o for o in offsets]
 
 
 def test_edits_of_a_point_instancer_and_its_prototype():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pxr import Sdf, Usd, UsdUtils
+from pxr import Sdf, UsdUtils
 from stages import describe, notes, only, usda, volume_text, write_field
 
 from previs import vdb
@@ -350,8 +350,3 @@ def Xform "A" (variants = { string shape = "ball" }
     assert open_stage(path, variants={"/A": {"shape": "box"}}).GetPrimAtPath("/A/X").GetTypeName() == "Cube"
     with pytest.raises(PrevisError, match="ball, box"):
         open_stage(path, variants={"/A": {"shape": "cone"}})
-
-
-def test_time_must_be_finite():
-    with pytest.raises(PrevisError, match="time"):
-        StageReader(Usd.Stage.CreateInMemory()).read(float("nan"))
