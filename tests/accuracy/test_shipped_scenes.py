@@ -6,8 +6,10 @@ the plot of the README: ``python tests/accuracy/test_shipped_scenes.py PLOT.png`
 
 from __future__ import annotations
 
+import os
 import statistics
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -15,6 +17,7 @@ import pytest
 import previs
 from previs import metrics
 from previs.api import choose_camera
+from previs.render.context import is_software
 
 SCENES = Path(__file__).parents[2] / "scenes"
 NAMES = ("plume", "pyroclastic", "sandstorm", "cloud", "shaft", "duo")
@@ -24,7 +27,14 @@ REFERENCE = {"transmittance": "march", "steps": 1024, "light_steps": 512}
 
 
 def render(renderer: previs.Renderer, name: str, settings: list[dict], repeats: int = 1):
-    """(image, median seconds of the frame) for each of the settings, timed in turns so that drift hits all alike."""
+    """(image, median seconds of the frame) for each of the settings, timed in turns so that drift hits all alike.
+
+    On a software rasteriser the seconds are processor time over the number of cores, which other work on the machine
+    does not change.
+    """
+    software = is_software(renderer.context)
+    clock = time.process_time if software else time.perf_counter
+    share = (os.cpu_count() or 1) if software else 1
     with previs.open(SCENES / f"{name}.usda") as scene:
         description = scene.describe()
         camera = choose_camera(scene, description, None, None)
@@ -34,10 +44,12 @@ def render(renderer: previs.Renderer, name: str, settings: list[dict], repeats: 
         for turn in range(repeats + (repeats > 1)):
             for i, values in enumerate(settings):
                 renderer.forget_scene()
+                begin = clock()
                 images[i] = renderer.render(index, camera, SIZE, previs.Settings(**values))
+                seconds = (clock() - begin) / share
                 # The first turn of several compiles shaders and is not counted.
                 if turn > 0 or repeats == 1:
-                    times[i].append(sum(t for p, t in images[i].stats["times"].items() if p != "fields"))
+                    times[i].append(seconds)
     return [(images[i], statistics.median(times[i])) for i in range(len(settings))]
 
 
@@ -65,7 +77,7 @@ def main(plot: str) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    counts = (2, 4, 6, 8, 10, 14, 16)
+    counts = (2, 6, 10, 14)
     methods = {"tfm": "adaptive maps (tfm)", "tfm-plain": "full-range maps (tfm-plain)"}
     settings = [REFERENCE]
     settings += [{"transmittance": m, "coefficients": n} for m in methods for n in counts]
