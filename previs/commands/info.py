@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 
+from ..description import volume_world_bounds
 from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
 from .view_of import camera_and_size
 
@@ -30,6 +31,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ..index import RenderIndex
     from ..render.plan import make_plan
 
+    # What cannot be read is listed with the rest; one missing file does not hide what else there is.
+    arguments.keepGoing = True
     with open_scene(arguments) as scene:
         description = scene.describe(arguments.time)
         camera, (width, height) = camera_and_size(arguments, scene, description, arguments.time)
@@ -42,6 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             print(_as_text(description, camera, plan, notes))
     return 0
+
+
+def _point(values) -> str:
+    return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"
 
 
 def _field_facts(field) -> dict:
@@ -99,15 +106,21 @@ def _as_text(description, camera, plan, notes) -> str:
                 what += f"{', ' if what else ''}{name} {'×'.join(map(str, facts['voxels']))} ({facts['active']} active)"
         extinction = " ".join(f"{c:.4g}" for c in medium.strength)
         albedo = " ".join(f"{c:.4g}" for c in medium.albedo)
-        rows.append(
-            f"{path}  {what}; extinction {extinction}, albedo {albedo}, {medium.phase} g {medium.anisotropy:.3g}"
-        )
+        lo, hi = volume_world_bounds(volume)
+        media = f"extinction {extinction}, albedo {albedo}, {medium.phase} g {medium.anisotropy:.3g}"
+        rows.append(f"{path}  {what}; from {_point(lo)} to {_point(hi)}; {media}")
     section("volumes", rows)
     rows = []
     for path, light in description.lights.items():
         strength = " ".join(f"{c:.4g}" for c in (light.radiance if light.kind == "dome" else light.strength))
         kind = "spot" if light.shaping and light.shaping.cone_angle < 90.0 else light.kind
-        rows.append(f"{path}  {kind}, {strength}{'' if light.casts_shadows else ', no shadows'}")
+        if light.kind == "dome":
+            what = f"dome, radiance {strength}"
+        elif light.kind == "distant":
+            what = f"distant, towards {_point(light.direction)}, irradiance {strength}"
+        else:
+            what = f"{kind} at {_point(light.position)}, radiant intensity {strength}"
+        rows.append(f"{path}  {what}{'' if light.casts_shadows else ', no shadows'}")
     section("lights", rows)
     rows = [
         f"{path}  {len(m.geometry.triangles)} triangles"

@@ -56,6 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
         frames = parse_frames(arguments.frames) if arguments.frames is not None else [None]
         if len(frames) > 1 and not has_placeholder(arguments.output):
             raise ValueError(f"{arguments.output}: {len(frames)} frames need a ### in the name for the frame number")
+        if arguments.frames is None and has_placeholder(arguments.output):
+            raise ValueError(f"{arguments.output}: has a place for the frame number; say which frames with --frames")
         if len({frame_path(arguments.output, frame) for frame in frames if frame is not None}) < len(frames) > 1:
             raise ValueError(f"{arguments.output}: several frames would have one name; write ###.### for decimals")
     except ValueError as error:

@@ -50,6 +50,8 @@ MAX_LIGHTS_PER_BATCH = 64
 LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 12 * 16, 7 * 16
 #: Texture memory that all shadow maps, and all transmittance maps, may take together; beyond it they get coarser.
 ATLAS_MEMORY = 2**30
+#: Up to so many transmittance maps are never coarser than 256².
+MANY_MAPS = 32
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
 #: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
 LOOP_BUDGET = 50_000
@@ -226,16 +228,19 @@ def make_plan(
         if f is not None and f.grid.active_count
     ]
     if fields:
-        size = 0
-        for volume, f, components in fields:
-            size += packed_bytes(f, memory, limits.texture_3d_size, components)
+        # Equal fields, those of instances, are held once.
+        held = {(f.key, components): f for _, f, components in fields}
+        size = sum(packed_bytes(f, memory, limits.texture_3d_size, components) for (_, components), f in held.items())
+        for volume, f, _ in fields:
             factor = planned_reduction(f, memory, limits.texture_3d_size)
             if factor > 1:
                 dims = "×".join(str(d) for d in field_dims(f))
                 message = f"field of {dims} voxels is averaged over cubes of {factor}³ to fit"
                 notes.append(Note("approximated", volume.path, message))
         keys = tuple((e.record.path, e.versions["density"], e.versions["emission_fields"]) for e in volumes)
-        why = f"{_count(len(fields), 'field')} of voxels"
+        why = f"{_count(len(held), 'field')} of voxels"
+        if len(held) < len(fields):
+            why += f", used {len(fields)} times"
         passes.append(
             PlannedPass("fields", "fields", why, (), size, (keys, settings.read_by("fields"), limits), payload=records)
         )
@@ -451,7 +456,9 @@ def _map_size(volumes, grids: list[int], lights: int, settings: Settings, limits
     wanted = settings.map_size
     if not wanted:
         longest = max(int(field_dims(volumes[i].density).max()) for i in grids)
-        wanted = int(np.clip(-(-longest * 2 // 32) * 32, 64, 512))
+        # A coarse grid that is dense has edges too: they need texels, unless there are very many maps to fill.
+        least = 256 if len(grids) * lights <= MANY_MAPS else 64
+        wanted = int(np.clip(-(-longest * 2 // 32) * 32, least, 512))
     bytes_per_texel = 8 + 8 * map_layers(settings.coefficients)
     size = fitting_size(wanted, len(grids) * lights, bytes_per_texel, limits)
     if size < wanted:

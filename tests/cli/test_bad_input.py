@@ -103,7 +103,7 @@ WRONG_ARGUMENTS = [
     ("frames and default time", ["s.usda", "a.#.png", "-f", "1", "-d"], ["--defaultTime", "--frames"]),
     ("odd coefficients", ["s.usda", "a.png", "--coefficients", "7"], ["coefficients: '7' is not an even number"]),
     ("unknown method", ["s.usda", "a.png", "--transmittance", "exact"], ["transmittance: 'exact'", "tfm-plain"]),
-    ("bad value", ["s.usda", "a.png", "--set", "steps=none"], ["steps: 'none' is not a whole number"]),
+    ("bad value", ["s.usda", "a.png", "--set", "steps=none"], ["steps: 'none' is not 0 or a whole number"]),
     ("value out of range", ["s.usda", "a.png", "--set", "antialias=0"], ["antialias: '0'", "from 1 to"]),
     ("unknown knob", ["s.usda", "a.png", "--set", "stepz=3"], ["no knob 'stepz'", "map_size"]),
     ("no value", ["s.usda", "a.png", "--set", "steps"], ["--set steps: write NAME=VALUE"]),
