@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
-from pxr import Usd, UsdGeom, UsdShade
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from ..description import ANISOTROPY_LIMIT, PHASES, Color, Medium, Surface
 from .context import Translation
@@ -24,7 +24,7 @@ _FOREIGN_VOLUMES = {
     "karma:kma_volume": "Karma's kma_volume",
 }
 _MEDIUM_COLORS = ("extinction", "albedo", "scattering", "absorption", "emission")
-_MEDIUM_INPUTS = frozenset(f.name for f in fields(Medium)) | {"scattering", "absorption"}
+_MEDIUM_INPUTS = (*(f.name for f in fields(Medium)), "scattering", "absorption")
 _MID_GREY: Color = (0.18, 0.18, 0.18)
 
 
@@ -48,19 +48,30 @@ def bound_material(prim: Usd.Prim, out: Translation) -> UsdShade.Material | None
 
 
 def is_volume_only(material: UsdShade.Material) -> bool:
-    """Whether a material has a connected volume output and no connected surface output."""
-    surfaces = any(output.HasConnectedSource() for output in material.GetSurfaceOutputs())
-    return not surfaces and any(output.HasConnectedSource() for output in material.GetVolumeOutputs())
+    """Whether a material has a connected volume output and no connected surface output.
+
+    A volume output that is connected to nothing that exists counts where there is no surface output of that kind.
+    """
+    surfaces, volumes = material.GetSurfaceOutputs(), material.GetVolumeOutputs()
+    if any(output.HasConnectedSource() for output in surfaces):
+        return False
+    if any(output.HasConnectedSource() for output in volumes):
+        return True
+    meant = [any(o.GetAttr().HasAuthoredConnections() for o in outputs) for outputs in (volumes, surfaces)]
+    return meant == [True, False]
 
 
 def read_medium(prim: Usd.Prim, material: UsdShade.Material | None, time: Usd.TimeCode, out: Translation) -> Medium:
     """The medium of a material's volume output; PrevisVolume's defaults when nothing is bound."""
     if material is None:
         return Medium()
+    shaders = _volume_shaders(material, out)
     previs_shader = previs_volume_shader(material, out)
+    dangling = _note_dangling_volumes(material, bool(shaders), out)
     if previs_shader is not None:
         return _read_previs_volume(previs_shader, time, out)
-    shaders = _volume_shaders(material, out)
+    if dangling and not shaders:
+        return Medium()
     if not shaders:
         out.note("approximated", material.GetPrim(), "has no volume shader; PrevisVolume's defaults stand in for it")
         return Medium()
@@ -86,6 +97,51 @@ def _volume_shaders(material: UsdShade.Material, out: Translation) -> list[UsdSh
     return shaders
 
 
+def _note_dangling_volumes(material: UsdShade.Material, has_shader: bool, out: Translation) -> bool:
+    """Report the volume outputs that are connected to nothing that exists, and what stands in for them."""
+    stand_in = "another volume output stands in" if has_shader else "PrevisVolume's defaults stand in"
+    found = False
+    for output in material.GetVolumeOutputs():
+        for _, sentence in _dangling_connections(output.GetAttr(), out):
+            out.note("missing", material.GetPrim(), f"{sentence}; {stand_in} for it")
+            found = True
+    return found
+
+
+def _dangling_connections(attribute: Usd.Attribute, out: Translation) -> list[tuple[Usd.Attribute, str]]:
+    """The connections from an input or output, directly or through others, to what is no input or output.
+
+    Each is the attribute that is so connected, and the sentence that says it.
+    """
+    stage = attribute.GetStage()
+    found, pending, seen = [], [attribute], {attribute.GetPath()}
+    while pending:
+        holder = pending.pop()
+        subject = holder.GetName() if holder == attribute else f"<{holder.GetPath()}>"
+        for path in holder.GetConnections():
+            flaw = _flaw(stage, path)
+            if flaw:
+                found.append((holder, f"{subject} is connected to <{path}>, {flaw}"))
+                # What is missing may be made by the next time; whether it varies is not asked of a prim that is not.
+                out.dependencies.add(path.GetPrimPath())
+                out.varying = True
+            elif path not in seen:
+                seen.add(path)
+                pending.append(stage.GetAttributeAtPath(path))
+    return found
+
+
+def _flaw(stage: Usd.Stage, path: Sdf.Path) -> str:
+    """Why nothing can be connected to that path; empty where it is an input or output."""
+    if path.IsPrimPath() and stage.GetPrimAtPath(path):
+        return "which is a prim and not one of its outputs"
+    attribute = stage.GetAttributeAtPath(path) if path.IsPropertyPath() else None
+    if not attribute:
+        return "which does not exist"
+    shading = UsdShade.Input.IsInput(attribute) or UsdShade.Output.IsOutput(attribute)
+    return "" if shading else "which is neither an input nor an output"
+
+
 def _shader_label(shader: UsdShade.Shader) -> str:
     identifier = shader.GetShaderId()
     if identifier:
@@ -107,11 +163,18 @@ def _source_types(shader: UsdShade.Shader) -> list[str]:
 def _input_source(
     shader: UsdShade.Shader, name: str, out: Translation
 ) -> tuple[Usd.Attribute | None, UsdShade.Shader | None]:
-    """What drives an input: an attribute with a value (its own or an interface input's), or a shader."""
+    """What drives an input: an attribute with a value (its own or an interface input's), or a shader.
+
+    A connection to nothing is reported.
+    """
     shader_input = shader.GetInput(name)
     if not shader_input:
         return None, None
-    for attribute in UsdShade.Utils.GetValueProducingAttributes(shader_input):
+    producers = UsdShade.Utils.GetValueProducingAttributes(shader_input)
+    for holder, sentence in _dangling_connections(shader_input.GetAttr(), out):
+        used = "the value authored beside the connection" if holder in producers else "the default"
+        out.note("missing", shader.GetPrim(), f"{sentence}; {used} is used")
+    for attribute in producers:
         out.depend(attribute.GetPrim())
         if UsdShade.Output.IsOutput(attribute):
             return None, UsdShade.Shader(attribute.GetPrim())
@@ -122,10 +185,15 @@ def _input_source(
 def _read_previs_volume(shader: UsdShade.Shader, time: Usd.TimeCode, out: Translation) -> Medium:
     prim = shader.GetPrim()
     values: dict[str, Any] = {}
+    for attribute in prim.GetAuthoredAttributes():
+        if attribute.GetName() in _MEDIUM_INPUTS:
+            name = attribute.GetName()
+            out.note("ignored", prim, f"attribute {name} is not read; write inputs:{name}")
     for shader_input in shader.GetInputs():
         name = shader_input.GetBaseName()
         if name not in _MEDIUM_INPUTS:
-            out.note("ignored", prim, f"inputs:{name} is not an input of PrevisVolume")
+            known = ", ".join(_MEDIUM_INPUTS)
+            out.note("ignored", prim, f"inputs:{name} is not an input of PrevisVolume; known are {known}")
             continue
         attribute, source = _input_source(shader, name, out)
         if source is not None:

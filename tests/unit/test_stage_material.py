@@ -1,9 +1,11 @@
 """The medium of a volume: PrevisVolume's inputs, their connections and ranges, and shaders that stand for others."""
 
 import pytest
-from stages import PREVIS_VOLUME, describe, notes, only
+from pxr import Sdf, UsdShade
+from stages import PREVIS_VOLUME, describe, notes, only, stage_of
 
 from previs.description import ANISOTROPY_LIMIT, Medium
+from previs.stage import StageReader
 
 SPHERE = """
 def Sphere "V" (prepend apiSchemas = ["MaterialBindingAPI"]) { rel material:binding = </M> }
@@ -79,7 +81,102 @@ def test_illegal_values_are_repaired_and_reported(declaration, name, value):
 
 def test_unknown_input_is_reported():
     scene = describe(SPHERE + PREVIS_VOLUME % "float inputs:densityScale = 2")
-    assert "densityScale" in notes(scene, "ignored")[0].message
+    [note] = scene.notes
+    assert (note.kind, note.path) == ("ignored", "/M/S")
+    assert note.message.startswith("inputs:densityScale is not an input of PrevisVolume; known are density_scale, ")
+    assert "extinction, albedo" in note.message and note.message.endswith("scattering, absorption")
+
+
+def test_an_input_without_its_prefix_is_reported():
+    scene = describe(SPHERE + PREVIS_VOLUME % "color3f extinction = (9, 9, 9)\nfloat mine = 2")
+    assert only(scene.volumes).medium == Medium()
+    assert [str(n) for n in scene.notes] == ["/M/S: ignored: attribute extinction is not read; write inputs:extinction"]
+
+
+@pytest.mark.parametrize(
+    ("declaration", "sentence", "scale"),
+    [
+        (
+            "float inputs:density_scale.connect = </M/T.outputs:r>",
+            "inputs:density_scale is connected to </M/T.outputs:r>, which does not exist; the default is used",
+            1.0,
+        ),
+        (
+            "float inputs:density_scale = 3\nfloat inputs:density_scale.connect = </M.inputs:thick>",
+            "inputs:density_scale is connected to </M.inputs:thick>, which does not exist; "
+            "the value authored beside the connection is used",
+            3.0,
+        ),
+        (
+            "float inputs:density_scale.connect = </M>",
+            "inputs:density_scale is connected to </M>, which is a prim and not one of its outputs; "
+            "the default is used",
+            1.0,
+        ),
+        (
+            "float inputs:density_scale.connect = </G.inputs:a>",
+            "</G.inputs:a> is connected to </G.inputs:b>, which does not exist; the default is used",
+            1.0,
+        ),
+        (
+            "float inputs:density_scale.connect = </G.c>",
+            "inputs:density_scale is connected to </G.c>, which is neither an input nor an output; the default is used",
+            1.0,
+        ),
+    ],
+)
+def test_an_input_connected_to_nothing_is_reported(declaration, sentence, scale):
+    graph = 'def NodeGraph "G" { float inputs:a.connect = </G.inputs:b>\nfloat c }'
+    scene = describe(SPHERE + PREVIS_VOLUME % declaration + graph)
+    assert [str(n) for n in scene.notes] == [f"/M/S: missing: {sentence}"]
+    assert only(scene.volumes).medium.density_scale == scale
+
+
+@pytest.mark.parametrize("bound", [SPHERE, BOX % ""])
+@pytest.mark.parametrize(
+    ("target", "flaw"),
+    [
+        ("/M/Medum.outputs:out", "which does not exist"),
+        ("/M/S.outputs:volume", "which does not exist"),
+        ("/M/S", "which is a prim and not one of its outputs"),
+    ],
+)
+def test_a_volume_output_connected_to_nothing_is_reported(bound, target, flaw):
+    text = (PREVIS_VOLUME % "float inputs:density_scale = 2").replace("</M/S.outputs:out>", f"<{target}>")
+    scene = describe(bound + text)
+    assert only(scene.volumes).medium == Medium()
+    assert [str(n) for n in notes(scene) if n.path == "/M"] == [
+        f"/M: missing: outputs:volume is connected to <{target}>, {flaw}; PrevisVolume's defaults stand in for it"
+    ]
+
+
+def test_another_volume_output_stands_in_for_one_connected_to_nothing():
+    text = (PREVIS_VOLUME % "float inputs:density_scale = 2").replace("outputs:volume", "outputs:arnold:volume")
+    text = text.replace(
+        "token outputs:arnold", "token outputs:volume.connect = </M/N.outputs:out>\ntoken outputs:arnold"
+    )
+    scene = describe(SPHERE + text)
+    assert only(scene.volumes).medium.density_scale == 2.0
+    assert "another volume output stands in" in notes(scene, "missing")[0].message
+
+
+def test_what_a_connection_misses_is_read_once_it_is_made():
+    stage = stage_of(SPHERE + (PREVIS_VOLUME % "").replace("</M/S.outputs:out>", "</Late.outputs:out>"))
+    reader = StageReader(stage)
+    assert len(reader.read(1.0).notes) == len(reader.read(2.0).notes) == 1
+    late = UsdShade.Shader.Define(stage, "/Late")
+    late.CreateIdAttr("PrevisVolume")
+    late.CreateInput("density_scale", Sdf.ValueTypeNames.Float).Set(4.0)
+    late.CreateOutput("out", Sdf.ValueTypeNames.Token)
+    scene = reader.read(2.0)
+    assert not scene.notes
+    assert only(scene.volumes).medium.density_scale == 4.0
+
+
+def test_a_volume_with_only_a_surface_has_no_volume_shader():
+    text = (PREVIS_VOLUME % "").replace("outputs:volume", "outputs:surface")
+    scene = describe(BOX % "" + text)
+    assert "has no volume shader" in notes(scene, "approximated")[0].message
 
 
 def test_values_come_through_the_material_interface_and_node_graphs():
