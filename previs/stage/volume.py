@@ -101,7 +101,10 @@ def _add(
 
 
 def _field_prims(prim: Usd.Prim, context: Context, out: Translation) -> dict[str, Usd.Prim]:
-    """The OpenVDBAsset prims of a volume by field name; other kinds are reported, dangling ones are an error."""
+    """The OpenVDBAsset prims of a volume by field name; other kinds are reported.
+
+    A target that does not exist is an error, and so is a density that is no field at all.
+    """
     found = {}
     for name, path in sorted(UsdVol.Volume(prim).GetFieldPaths().items()):
         path = Sdf.Path(path)
@@ -110,7 +113,15 @@ def _field_prims(prim: Usd.Prim, context: Context, out: Translation) -> dict[str
             raise PrevisError(f"{prim.GetPath()}: field:{name} points to {path}, which does not exist")
         out.depend(target)
         if not target.IsA(UsdVol.OpenVDBAsset):
-            out.note("ignored", target, f"a {target.GetTypeName() or 'prim without a type'} is not read as a field")
+            kind = target.GetTypeName()
+            what = f"{'an' if kind[:1] in tuple('AEIOU') else 'a'} {kind}" if kind else "a prim without a type"
+            if target.IsA(UsdVol.FieldBase):
+                out.note("ignored", target, f"{what} is not read as a field")
+                continue
+            message = f"field:{name} points to <{path}>, which is {what} and not an OpenVDBAsset"
+            if name == "density":
+                raise PrevisError(f"{prim.GetPath()}: {message}")
+            out.note("ignored", prim, message)
             continue
         found[name] = target
     return found

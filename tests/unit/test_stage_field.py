@@ -152,6 +152,30 @@ def test_dangling_field(fail):
     assert "/Nowhere, which does not exist" in fail('def Volume "V" { rel field:density = </Nowhere> }')
 
 
+@pytest.mark.parametrize(
+    ("target", "what"),
+    [
+        ('def Mesh "Ground" {}', "a Mesh"),
+        ('def "Ground" {}', "a prim without a type"),
+    ],
+)
+@pytest.mark.parametrize("extent", ["", "float3[] extent = [(-1, -1, -1), (1, 1, 1)]"])
+def test_a_density_that_is_no_field(fail, target, what, extent):
+    text = f'def Xform "World" {{ def Volume "V" {{ {extent}\n rel field:density = </World/Ground> }} {target} }}'
+    sentence = f"/World/V: field:density points to </World/Ground>, which is {what} and not an OpenVDBAsset"
+    assert fail(text) == sentence
+
+
+def test_another_field_that_is_no_field_is_reported(tmp_path):
+    write_field(tmp_path / "a.vdb")
+    text = volume_text("./a.vdb").replace('"V" {', '"V" { rel field:temperature = </Ground>\n')
+    scene = read(save(tmp_path, text + 'def Mesh "Ground" {}'))
+    assert only(scene.volumes).temperature is None
+    assert [str(n) for n in scene.notes if n.path == "/V"] == [
+        "/V: ignored: field:temperature points to </Ground>, which is a Mesh and not an OpenVDBAsset"
+    ]
+
+
 def test_neither_field_nor_extent(fail):
     assert fail('def Volume "V" {}').startswith("/V: has neither a density field nor an extent")
 
