@@ -178,18 +178,23 @@ class Scene:
         bounds: tuple[Vector, Vector] | None = None,
         transform: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
-        emission: ArrayLike | None = None,
+        emission: ArrayLike | Color | float | None = None,
         **medium: Any,
     ) -> str:
         """Add a volume of voxels; returns its prim path.
 
         `density` is (X, Y, Z), real numbers ≥ 0; `temperature` (kelvin, before the medium's scale and offset) and
-        `emission` have the same shape. `bounds` = (lo, hi) is the box that the voxels' cells fill: voxel i along an
-        axis of n voxels has its centre, where its value sits, at lo + (i + ½)·(hi − lo)/n. Between centres the field
-        is trilinear, and it falls to 0 over one voxel beyond the outermost centres. `transform` is the 4×4 matrix
-        from indices to the volume's space instead. Without either, voxels are 1 wide and centred on the origin.
+        `emission` have the same shape. Three numbers or one as `emission` are the medium's emission colour instead,
+        as for `set_medium`, which takes the colour besides a field.
+
+        `bounds` = (lo, hi) is the box that the voxels' cells fill: voxel i along an axis of n voxels has its centre,
+        where its value sits, at lo + (i + ½)·(hi − lo)/n. Between centres the field is trilinear, and it falls to 0
+        over one voxel beyond the outermost centres. `transform` is the 4×4 matrix from indices to the volume's space
+        instead. Without either, voxels are 1 wide and centred on the origin.
         The keywords of `set_medium` may follow. Raises ValueError for a wrong shape, type, path or medium value.
         """
+        if emission is not None and _is_color(emission):
+            medium, emission = {**medium, "emission": emission}, None
         values = _medium_values(medium)
         arrays = _field_arrays(density, temperature, emission)
         matrix = _index_transform(arrays["density"].shape, bounds, transform)
@@ -920,6 +925,14 @@ def _color(name: str, value: Any) -> Color:
     if np.ndim(value) == 0:
         return (_number(name, value),) * 3
     return tuple(float(c) for c in _vector(name, value))
+
+
+def _is_color(value: Any) -> bool:
+    """Whether a value has the form of a colour, three numbers or one, which no array of voxels has."""
+    try:
+        return np.shape(value) in ((), (3,))
+    except ValueError:  # a ragged list
+        return False
 
 
 def _voxels(name: str, array: ArrayLike) -> np.ndarray:

@@ -63,6 +63,32 @@ def test_temperature_and_emission(scene):
     assert np.array_equal(dense(volume.emission), ramp(2, 2, 2) * 2)
 
 
+@pytest.mark.parametrize("color", [(20, 10, 5), [20, 10, 5], np.array([20.0, 10.0, 5.0])])
+def test_emission_of_three_numbers_is_the_colour_of_the_medium(scene, color):
+    scene.add_volume("/v", ramp(3, 3, 3), emission=color, emission_scale=2)
+    volume = scene.describe().volumes["/v"]
+    assert volume.emission is None
+    assert (volume.medium.emission, volume.medium.emission_scale) == ((20.0, 10.0, 5.0), 2.0)
+
+
+def test_emission_of_one_number_is_the_colour_of_the_medium(scene):
+    scene.add_volume("/v", ramp(2, 2, 2), emission=0.5)
+    assert scene.describe().volumes["/v"].medium.emission == (0.5, 0.5, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("emission", "fragment"),
+    [
+        ((1, 2), r"emission must be an array of shape \(X, Y, Z\)"),
+        ((1, -2, 3), "emission must be at least 0"),
+    ],
+)
+def test_emission_that_is_neither_voxels_nor_a_colour(scene, emission, fragment):
+    with pytest.raises(ValueError, match=fragment):
+        scene.add_volume("/v", ramp(2, 2, 2), emission=emission)
+    assert not scene.describe().volumes
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float16, np.uint8, np.int32, bool])
 def test_any_real_type(scene, dtype):
     scene.add_volume("/v", np.ones((2, 2, 2), dtype))
