@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Image:
     """A linear, scene-referred picture. Arrays are float32 with row 0 at the top.
 
     Attributes:
         color: (H, W, 3) radiance, premultiplied: media over surfaces over black.
         alpha: (H, W), 1 − mean transmittance to the background.
-        depth: (H, W) distance of the first surface along the camera's axis in stage units, infinite where there is
-        none. aovs: further planes by name, (H, W, 3): ``albedo`` and ``normal`` of surfaces, ``transmittance`` of the
-        view ray through the
-            media, ``volume`` (in-scattered light only), ``emission``; each where the scene has it.
+        depth: (H, W) distance of the first surface along the camera's axis in stage units, infinite where there
+            is none.
+        aovs: further planes by name, (H, W, 3): ``albedo`` and ``normal`` of surfaces, ``transmittance`` of the view
+            ray through the media, ``volume`` (in-scattered light only), ``emission``; each where the scene has it.
         stats: the plan, what ran, times, memory, notes; see `Renderer.render`.
     """
 
@@ -34,6 +34,10 @@ class Image:
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
         return self.color.shape[1], self.color.shape[0]
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        return f"<Image {width}×{height}: {', '.join(('color', 'alpha', 'depth', *self.aovs))}>"
 
     def save(self, path: str | PathLike[str], exposure: float | str = 0.0, color_correction: str = "sRGB") -> None:
         """Write the picture; the ending picks the format: .exr linear with all planes, .png or .jpg for display.

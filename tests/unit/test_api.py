@@ -56,6 +56,7 @@ def test_what_an_image_holds(scene):
     # The smoke hides part of what is behind the middle, nothing is in the upper corners.
     assert 0.1 < image.alpha[9, 16] <= 1.0
     assert image.alpha[0, 0] == 0.0
+    assert repr(image) == f"<Image 32×18: color, alpha, depth, {', '.join(image.aovs)}>"
     assert {"plan", "executed", "times", "seconds", "memory", "device", "settings", "notes"} <= set(image.stats)
 
 
