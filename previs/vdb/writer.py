@@ -29,12 +29,12 @@ ZIP_LEVEL = 1  # noisy floats shrink by a few per cent at most beyond this, for 
 
 def write(
     path: str | os.PathLike[str],
-    grids: Iterable[Grid],
+    grids: Grid | Iterable[Grid],
     compression: Literal["zip", "none"] = "zip",
     *,
     active_mask: bool = True,
 ) -> None:
-    """Write grids to one .vdb file.
+    """Write grids, or a single one, to one .vdb file.
 
     ``compression`` is "zip" (default) or "none"; ``active_mask`` (default True) leaves inactive values out of the
     file where one value stands for them all. Values keep their type. Names may be empty, unicode, or shared. A grid's
@@ -46,7 +46,7 @@ def write(
     """
     if compression not in ("zip", "none"):
         raise ValueError(f'compression must be "zip" or "none", not {compression!r}')
-    grids = list(grids)
+    grids = [grids] if isinstance(grids, Grid) else list(grids)
     flags = layout.COMPRESS_ZIP * (compression == "zip") | layout.COMPRESS_ACTIVE_MASK * active_mask
     bodies = [_grid_body(grid, flags, metadata) for grid, metadata in zip(grids, _metadata(grids, flags), strict=True)]
     _replace_file(path, _assemble(grids, bodies))

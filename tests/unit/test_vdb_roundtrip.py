@@ -234,3 +234,10 @@ def test_what_cannot_be_written_is_refused_in_words(tmp_path):
     with pytest.raises(OSError):
         vdb.write(tmp_path / "absent" / "file.vdb", [grid])
     assert os.listdir(tmp_path) == []
+
+
+def test_a_single_grid_needs_no_list(tmp_path):
+    grid = Grid.from_dense("density", _sparse((9, 9, 9), 0.5))
+    vdb.write(tmp_path / "one.vdb", grid)
+    vdb.write(tmp_path / "list.vdb", [grid])
+    assert (tmp_path / "one.vdb").read_bytes() == (tmp_path / "list.vdb").read_bytes()
