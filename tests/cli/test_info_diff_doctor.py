@@ -40,7 +40,9 @@ def test_info(run, stages):
     for fact in (
         "/Smoke  density ",
         "active)",
-        "/Sun  distant, 3 3 3",
+        "from (-1.083, -1.083, -1.083) to (1.083, 1.083, 1.083)",
+        "/Sun  distant, towards (",
+        "irradiance 3 3 3",
         "/Ground  2 triangles",
         "/Cameras/Front  <- used",
     ):
@@ -73,6 +75,13 @@ def test_info_says_what_is_not_shown_as_authored(run, stages):
     assert "/Panel: approximated: " in told
 
 
+def test_info_lists_what_cannot_be_read_with_the_rest(run, stages):
+    result = run("info", "animated.usda", "--time", "2", cwd=stages)
+    assert result.returncode == 0
+    assert "missing: missing.vdb" in result.stdout.split("not shown as authored")[1]
+    assert "plan for" in result.stdout
+
+
 def test_purposes_mask_session_layer_and_time(run, stages):
     guide = (
         'def Cube "Guide" { uniform token purpose = "guide" }' + 'def Cube "Proxy" { uniform token purpose = "proxy" }'
@@ -101,7 +110,6 @@ def test_purposes_mask_session_layer_and_time(run, stages):
     ("arguments", "status", "piece"),
     [
         (["none.usda"], 1, "none.usda: no such file"),
-        (["animated.usda", "--time", "2"], 1, "missing.vdb"),
         (["smoke.usda", "-cam", "Side"], 1, "/Cameras/Front, /Cameras/Top"),
         (["smoke.usda", "--coefficients", "5"], 2, "coefficients: '5'"),
         (["smoke.usda", "--time", "now"], 2, "--time"),
