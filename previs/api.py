@@ -80,11 +80,17 @@ def choose_camera(
 
 
 def choose_size(camera: Camera, size: Sequence[int] | int | None) -> tuple[int, int]:
-    """(width, height): as given, or a width (960 by default) and the height of the camera's aspect."""
-    if np.ndim(size) == 1 and len(size) == 2:
-        return int(size[0]), int(size[1])
-    width = DEFAULT_WIDTH if size is None else int(size)
-    return width, max(round(width / camera.aspect_ratio), 1)
+    """(width, height): as given, or a width (960 by default) and the height of the camera's aspect.
+
+    Raises:
+        ValueError: when it is neither.
+    """
+    pixels = np.asarray(DEFAULT_WIDTH if size is None else size)
+    if pixels.dtype.kind not in "iu" or pixels.shape not in ((), (2,)):
+        raise ValueError(f"size: {size!r} is neither (width, height) nor a width, in whole pixels")
+    if pixels.shape == (2,):
+        return int(pixels[0]), int(pixels[1])
+    return int(pixels), max(round(int(pixels) / camera.aspect_ratio), 1)
 
 
 def render(

@@ -84,6 +84,12 @@ def test_sizes(scene, size, expected):
         assert previs.render(scene, "/front", size).size == expected
 
 
+@pytest.mark.parametrize("size", [(64,), (64, 32, 1), "64x32", 64.5, (64.0, 32.0)])
+def test_sizes_that_are_no_sizes(scene, size):
+    with pytest.raises(ValueError, match="neither .width, height. nor a width"):
+        previs.render(scene, size=size)
+
+
 @pytest.mark.parametrize("size", [0, (0, 10), (10, -1), (10**6, 10)])
 def test_sizes_that_are_none(scene, size):
     with pytest.raises(previs.PrevisError, match=r"image of .*×.* pixels"):
