@@ -86,7 +86,7 @@ def test_sizes(scene, size, expected):
 
 @pytest.mark.parametrize("size", [(64,), (64, 32, 1), "64x32", 64.5, (64.0, 32.0)])
 def test_sizes_that_are_no_sizes(scene, size):
-    with pytest.raises(ValueError, match="neither .width, height. nor a width"):
+    with pytest.raises(ValueError, match=r"neither .width, height. nor a width"):
         previs.render(scene, size=size)
 
 
