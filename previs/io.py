@@ -77,8 +77,7 @@ def display(color: np.ndarray, exposure: float | str = 0.0, color_correction: st
         color: (H, W, 3) linear Rec.709.
         exposure: stops, or "auto".
         color_correction: "disabled" (values as they are), "sRGB" (the sRGB curve), or "openColorIO" (the default
-        display and view
-            of $OCIO, else of the built-in ACES config).
+            display and view of $OCIO, else of the built-in ACES config).
 
     Raises:
         PrevisError: when the OpenColorIO config cannot be used.

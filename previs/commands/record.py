@@ -74,6 +74,11 @@ def run(arguments: argparse.Namespace) -> int:
     said: set[str] = set()
     records, failed = [], 0
     with open_scene(arguments) as scene, Renderer() as renderer:
+        if arguments.disableGpu and not renderer.is_software:
+            print(
+                f"warning: --disableGpu: this driver has no software rasteriser; {renderer.device} draws",
+                file=sys.stderr,
+            )
         index = RenderIndex()
         default_time = float("nan") if arguments.defaultTime else None
         for number, frame in enumerate(frames):

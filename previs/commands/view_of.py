@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import replace
 
 from ..api import choose_camera, choose_size
@@ -30,5 +31,5 @@ def camera_and_size(
 
 def with_camera_light(description: SceneDescription, camera: Camera) -> SceneDescription:
     """The scene with one more light that shines along the view, of irradiance π: a white surface facing it is at 1."""
-    light = Light("(camera light)", "distant", camera.camera_to_world, (1.0,) * 3, strength=(3.14159265,) * 3)
+    light = Light("(camera light)", "distant", camera.camera_to_world, (1.0,) * 3, strength=(math.pi,) * 3)
     return replace(description, lights={**description.lights, light.path: light})

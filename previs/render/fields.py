@@ -38,12 +38,16 @@ class PackedField:
         return x, y, z
 
 
+def _block_dims(dims: np.ndarray, factor: int) -> np.ndarray:
+    """Cells of a packed block: one of margin on both sides, and one more where cubes do not begin with the block."""
+    return -(-np.asarray(dims, np.int64) // factor) + (2 if factor == 1 else 3)
+
+
 def reduction_factor(dims: np.ndarray, bytes_per_voxel: int, memory: int, texture_limit: int) -> int:
     """The smallest power of two by which a block of `dims` voxels has to shrink to fit memory and texture limits."""
     factor = 1
     while True:
-        # A cell of margin on both sides, and one more where the cubes do not begin with the block.
-        reduced = -(-np.asarray(dims, np.int64) // factor) + (2 if factor == 1 else 3)
+        reduced = _block_dims(dims, factor)
         if reduced.max() <= texture_limit and int(np.prod(reduced)) * bytes_per_voxel <= memory:
             return factor
         factor *= 2
@@ -57,34 +61,31 @@ def field_dims(field: Field) -> np.ndarray:
     return np.asarray(hi, np.int64) - np.asarray(lo, np.int64) + 1
 
 
-def is_vector(field: Field) -> bool:
-    """Whether the field holds three values per voxel."""
-    return field.grid.leaf_values.ndim == 5
+def planned_reduction(
+    field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, components: int = 1
+) -> int:
+    """The reduction that `pack` will apply for that much memory (bytes), for 1 or 4 half-float components."""
+    return reduction_factor(field_dims(field), 2 * components, memory, texture_limit)
 
 
 def packed_bytes(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, components: int = 1) -> int:
-    """Texture memory of a field packed within those limits, for textures of 1 or 4 half-float components."""
-    factor = planned_reduction(field, memory, texture_limit)
-    dims = field_dims(field) + 2 if factor == 1 else -(-field_dims(field) // factor) + 2
-    return int(np.prod(dims)) * 2 * components
+    """Texture memory that a field takes within those limits, at the most."""
+    factor = planned_reduction(field, memory, texture_limit, components)
+    return int(np.prod(_block_dims(field_dims(field), factor))) * 2 * components
 
 
-def planned_reduction(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT) -> int:
-    """The reduction that `pack` will apply for that much memory (bytes)."""
-    return reduction_factor(field_dims(field), 8 if is_vector(field) else 2, memory, texture_limit)
-
-
-def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT) -> PackedField:
+def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, components: int = 1) -> PackedField:
     """Pack a field of at least one active voxel, averaging cubes of voxels where it would exceed the limits.
 
     Args:
         field: its grid holds finite, cleaned values.
         memory: bytes that the block may take.
         texture_limit: largest edge of a 3D texture.
+        components: of the texture that the block goes into, 1 or 4.
     """
     grid = field.grid
     lo, hi = (np.asarray(b, np.int64) for b in grid.bounds)
-    factor = planned_reduction(field, memory, texture_limit)
+    factor = planned_reduction(field, memory, texture_limit, components)
     if factor == 1:
         # The size was checked against the memory above; the grid's own limit is for those who did not.
         dense = grid.dense(lo - 1, hi + 1, limit=int(np.prod(hi - lo + 3)))

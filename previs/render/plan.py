@@ -203,12 +203,8 @@ def make_plan(
             f"{volumes[most_volumes].record.path}: the stage has {len(volumes)} volumes and a frame takes "
             f"{most_volumes}; hide some, or render them apart"
         )
-    notes += [
-        Note("approximated", e.record.path, "a dome lights every point evenly, without occlusion")
-        for e in index.lights.values()
-        if e.record.kind == "dome"
-    ]
     domes = [e.record for e in index.lights.values() if e.record.kind == "dome"]
+    notes += [Note("approximated", d.path, "a dome lights every point evenly, without occlusion") for d in domes]
     ambient = tuple(settings.ambient + sum(d.radiance[c] for d in domes) for c in range(3))
     lights = [e for e in index.lights.values() if e.record.kind != "dome" and any(c > 0.0 for c in e.record.strength)]
     origin = render_origin(scene)
@@ -231,8 +227,8 @@ def make_plan(
         # Equal fields, those of instances, are held once.
         held = {(f.key, components): f for _, f, components in fields}
         size = sum(packed_bytes(f, memory, limits.texture_3d_size, components) for (_, components), f in held.items())
-        for volume, f, _ in fields:
-            factor = planned_reduction(f, memory, limits.texture_3d_size)
+        for volume, f, components in fields:
+            factor = planned_reduction(f, memory, limits.texture_3d_size, components)
             if factor > 1:
                 dims = "×".join(str(d) for d in field_dims(f))
                 message = f"field of {dims} voxels is averaged over cubes of {factor}³ to fit"

@@ -14,7 +14,7 @@ from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
 from ..settings import Settings
-from .context import check_errors, create_context
+from .context import check_errors, create_context, is_software
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
 from .plan import DeviceLimits, Plan, make_plan
@@ -45,6 +45,7 @@ class Renderer:
             # Asked once: outside a frame the context is not current, and a query would return nothing.
             info = self.context.info
             self._frame = Frame(self.context)
+            self.is_software: bool = is_software(self.context)
         self.device: str = info["GL_RENDERER"]
         texture_size = min(info["GL_MAX_TEXTURE_SIZE"], *info["GL_MAX_VIEWPORT_DIMS"][:2])
         self.limits = DeviceLimits(texture_size, info["GL_MAX_3D_TEXTURE_SIZE"], info["GL_MAX_UNIFORM_BLOCK_SIZE"])

@@ -97,7 +97,7 @@ class FieldAtlas:
         blocks = {}
         for f in fields.values():
             key = (f.key, memory)
-            blocks[key] = self._blocks.get(key) or pack(f, memory, limit)
+            blocks[key] = self._blocks.get(key) or pack(f, memory, limit, self._components)
         packing = frozenset(blocks), limit
         if packing != self._packing:
             self._upload(blocks, limit)

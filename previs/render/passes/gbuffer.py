@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import moderngl
-import numpy as np
 
 from ...description import Surface
 from ..frame import BACKGROUND_DISTANCE, Frame
@@ -19,10 +18,9 @@ def run_gbuffer(frame: Frame, planned: PlannedPass) -> None:
     frame.meshes.update(plan.meshes, plan.origin)
     framebuffer = frame.targets.get("gbuffer", (plan.width, plan.height), FORMATS, depth=True)
     framebuffer.use()
-    framebuffer.clear(depth=1.0)
+    # All attachments are cleared alike; only the distance, the last component of the first, is read where no mesh is.
+    framebuffer.clear(alpha=BACKGROUND_DISTANCE, depth=1.0)
     program = frame.shaders.get("gbuffer.vert", "gbuffer.frag")
-    # Only the distance has a background of its own; a clear sets all attachments alike.
-    framebuffer.color_attachments[0].write(_background(plan.width, plan.height))
     frame.context.enable_only(moderngl.DEPTH_TEST)
     frame.bind_camera(program)
     program.set(view_projection=gl(plan.rays.view_projection), image_size=(plan.width, plan.height))
@@ -36,12 +34,6 @@ def run_gbuffer(frame: Frame, planned: PlannedPass) -> None:
         )
         frame.meshes.draw(mesh, program.program, "3f4 3f4 3f4", ("in_position", "in_normal", "in_color"))
     frame.context.enable_only(moderngl.NOTHING)
-
-
-def _background(width: int, height: int) -> bytes:
-    texels = np.zeros((height, width, 4), np.float32)
-    texels[..., 3] = BACKGROUND_DISTANCE
-    return texels.tobytes()
 
 
 def diffuse(surface: Surface) -> tuple[float, float, float]:
