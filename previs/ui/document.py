@@ -1,0 +1,225 @@
+"""An open stage with its edits, their history, and the last description of it that was good.
+
+Every edit authors USD through `Scene`, on the session layer of an opened stage. Undo puts back what the edits had
+authored before, as text; the reader finds out what changed and the index which parts moved, so undoing an albedo
+costs what setting it costs.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..description import SceneDescription
+from ..errors import PrevisError
+from ..scene import Scene
+from ..settings import Settings
+
+#: Undo entries kept.
+HISTORY_LIMIT = 500
+
+_versions = itertools.count(1)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    label: str
+    before: str
+    after: str
+
+
+class Document:
+    """One scene being looked at and tuned. No OpenGL, no ImGui.
+
+    Args:
+        scene: the scene, which the document owns from now on.
+        path: what was opened, for the user to read.
+        time: time code shown; None is the earliest of the stage.
+
+    Raises:
+        PrevisError: when the scene cannot be described.
+
+    Attributes:
+        description: the last description that could be read.
+        before: the description before the last edit, to compare with.
+        settings: the knobs: what the stage says, edits included.
+        error: why the stage as it is now cannot be shown; "" when `description` is what the stage holds.
+        version: moves when description or settings did.
+    """
+
+    def __init__(self, scene: Scene, path: str | os.PathLike[str], time: float | None = None) -> None:
+        self.scene = scene
+        self.path = os.fspath(path)
+        self.time_range = scene.time_range
+        self.time: float = time if time is not None else (self.time_range.start if self.time_range else 0.0)
+        self.description: SceneDescription = scene.describe(self._time_code)
+        self.settings = Settings(**scene.settings())
+        self.before: SceneDescription = self.description
+        self.error = ""
+        self.version = next(_versions)
+        self._undone: list[_Entry] = []
+        self._done: list[_Entry] = []
+        self._group: tuple[str, str, SceneDescription] | None = None
+        self._saved = scene.snapshot()
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return os.path.basename(self.path)
+
+    @property
+    def animated(self) -> bool:
+        """Whether the stage has a range of time."""
+        return self.time_range is not None
+
+    @property
+    def modified(self) -> bool:
+        """Whether there are edits that were not saved."""
+        return self.scene.snapshot() != self._saved
+
+    # --- edits ----------------------------------------------------------------------------------------------------
+
+    def edit(self, label: str, change: Callable[[Scene], None]) -> None:
+        """Change the scene; an entry of the history of its own, unless `begin` opened one.
+
+        Raises:
+            PrevisError: when the change is refused; the scene is then as before.
+        """
+        before, shown = self.scene.snapshot(), self.description
+        try:
+            change(self.scene)
+        except (PrevisError, ValueError) as error:
+            self.scene.restore(before)
+            raise PrevisError(str(error)) from error
+        if self._group is None:
+            self._remember(label, before, shown)
+        self.refresh()
+
+    def begin(self, label: str) -> None:
+        """Open an entry of the history that all edits up to `end` belong to, such as those of one drag."""
+        self.end()
+        self._group = (label, self.scene.snapshot(), self.description)
+
+    def end(self) -> None:
+        """Close the entry; without an edit since `begin` there is none."""
+        if self._group is not None:
+            group, self._group = self._group, None
+            self._remember(*group)
+
+    def _remember(self, label: str, before: str, shown: SceneDescription) -> None:
+        after = self.scene.snapshot()
+        if after == before:
+            return
+        self.before = shown
+        self._done.append(_Entry(label, before, after))
+        del self._done[:-HISTORY_LIMIT]
+        self._undone.clear()
+
+    @property
+    def undo_label(self) -> str:
+        """What `undo` would take back, "" for nothing."""
+        return self._done[-1].label if self._done else ""
+
+    @property
+    def redo_label(self) -> str:
+        """What `redo` would do again, "" for nothing."""
+        return self._undone[-1].label if self._undone else ""
+
+    def undo(self) -> str:
+        """Take back the last edit; returns its label, "" when there was none."""
+        self.end()
+        if not self._done:
+            return ""
+        entry = self._done.pop()
+        self._undone.append(entry)
+        self._restore(entry.before)
+        return entry.label
+
+    def redo(self) -> str:
+        """Do the last undone edit again; returns its label, "" when there was none."""
+        self.end()
+        if not self._undone:
+            return ""
+        entry = self._undone.pop()
+        self._done.append(entry)
+        self._restore(entry.after)
+        return entry.label
+
+    def _restore(self, snapshot: str) -> None:
+        self.before = self.description
+        self.scene.restore(snapshot)
+        self.refresh()
+
+    def discard(self) -> None:
+        """Take all edits back, as one entry of the history."""
+        self.end()
+        self.edit("Discard overrides", lambda scene: scene.discard_overrides())
+
+    def restore_edits(self, snapshot: str, label: str = "Recover edits") -> None:
+        """Put edits from elsewhere in the place of the present ones, as one entry of the history.
+
+        Raises:
+            PrevisError: when they are not USD.
+        """
+        self.end()
+        self.edit(label, lambda scene: scene.restore(snapshot))
+
+    # --- time -----------------------------------------------------------------------------------------------------
+
+    @property
+    def _time_code(self) -> float | None:
+        return self.time if self.time_range is not None else None
+
+    def set_time(self, time: float) -> None:
+        """Show another time code."""
+        if time != self.time:
+            self.time = time
+            self.refresh()
+
+    @property
+    def edit_time(self) -> float | None:
+        """The time at which an animated attribute is edited; None where the stage has no animation."""
+        return self._time_code
+
+    # --- files ----------------------------------------------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Read what changed. What cannot be read leaves the last good description and says so in `error`."""
+        try:
+            description, settings = self.scene.describe(self._time_code), Settings(**self.scene.settings())
+        except PrevisError as error:
+            self.error = str(error)
+            return
+        self.error = ""
+        if description is not self.description or settings != self.settings:
+            self.description, self.settings = description, settings
+            self.version = next(_versions)
+
+    def save_overrides(self, path: str | os.PathLike[str]) -> None:
+        """Write the edits as a layer that goes over the stage.
+
+        Raises:
+            PrevisError: when it cannot be written.
+        """
+        self.end()
+        try:
+            self.scene.save_overrides(path)
+        except ValueError as error:
+            raise PrevisError(str(error)) from error
+        self._saved = self.scene.snapshot()
+
+    def reload(self) -> None:
+        """Read again what changed on disk; the edits stay."""
+        try:
+            self.scene.reload()
+        except PrevisError as error:
+            self.error = str(error)
+            return
+        self.time_range = self.scene.time_range
+        self.refresh()
+
+    def close(self) -> None:
+        """Release the scene."""
+        self.scene.close()
