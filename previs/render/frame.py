@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import moderngl
@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import blackbody
 from . import uniforms
+from .pieces import Pace, Piece
 from .plan import Plan, density_weighting
 from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
 from .shader import Program, ShaderCache
@@ -47,7 +48,8 @@ BACKGROUND_DISTANCE = 1e30
 class Frame:
     """The stores of a renderer together with the plan being drawn.
 
-    `progress` is called with a fraction in [0, 1] during passes that can be long; it may raise to stop the frame.
+    Between two pieces of a pass anything may be drawn in the same context: nothing that is bound or enabled survives
+    it, only textures, buffers and framebuffers do.
     """
 
     def __init__(self, context: moderngl.Context) -> None:
@@ -62,8 +64,9 @@ class Frame:
         self.shadows = ShadowAtlas(context)
         self.meshes = MeshStore(context)
         self.targets = Targets(context)
-        self.progress: Callable[[float], None] | None = None
+        self.pace = Pace(context)
         self._plan: Plan | None = None
+        self._packed: dict[tuple[str, int], bytes] = {}
         self._buffers: dict[int, moderngl.Buffer] = {}
         self._blackbody: moderngl.Texture | None = None
 
@@ -75,7 +78,17 @@ class Frame:
 
     @plan.setter
     def plan(self, plan: Plan) -> None:
+        if plan is not self._plan:
+            self._packed.clear()
         self._plan = plan
+
+    def forget_placements(self) -> None:
+        """Pack uniform blocks anew: fields have moved in their atlases."""
+        self._packed.clear()
+
+    def pieces(self, kind: object, size: tuple[int, int], first: float = 0.0, last: float = 1.0) -> Iterator[Piece]:
+        """The pieces in which to draw a target of that size; see `Pace`."""
+        return self.pace.pieces(kind, size, first, last)
 
     def fullscreen(self, fragment: str, **defines: Any) -> Program:
         """The program that runs a fragment shader over the whole target, compiled for the plan."""
@@ -106,11 +119,11 @@ class Frame:
         """Give a program everything that lights.glsl, medium.glsl and transmittance.glsl read, for one batch of
         lights."""
         plan = self.plan
-        self._block(program, "Volumes", uniforms.pack_volumes(plan, self.density.placements))
-        self._block(program, "Lights", uniforms.pack_lights(plan, batch))
+        self._block(program, "Volumes", 0, lambda: uniforms.pack_volumes(plan, self.density.placements))
+        self._block(program, "Lights", batch.start, lambda: uniforms.pack_lights(plan, batch))
         if plan.defines["HAS_GRIDS"] and plan.settings.transmittance != "march":
             weighting = density_weighting(plan.volumes, plan.settings)
-            self._block(program, "LightMaps", uniforms.pack_light_maps(plan, batch, weighting))
+            self._block(program, "LightMaps", batch.start, lambda: uniforms.pack_light_maps(plan, batch, weighting))
             layers = {f"map_coefficients{i}": t for i, t in enumerate(self.maps.coefficients)}
             self.bind(map_range=self.maps.range, **layers)
             program.set(map_size=float(plan.map_size))
@@ -123,8 +136,8 @@ class Frame:
     def bind_emission(self, program: Program) -> None:
         """Give a program everything that emission.glsl reads."""
         plan = self.plan
-        block = uniforms.pack_emissions(plan, self.temperature.placements, self.emission.placements)
-        self._block(program, "Emissions", block)
+        placements = self.temperature.placements, self.emission.placements
+        self._block(program, "Emissions", 0, lambda: uniforms.pack_emissions(plan, *placements))
         if self._blackbody is None:
             table = blackbody.table()
             self._blackbody = self.context.texture((len(table), 1), 3, table.tobytes(), dtype="f4")
@@ -137,8 +150,12 @@ class Frame:
         lowest, highest = blackbody.TABLE_RANGE
         program.set(blackbody_range=(lowest, 1.0 / (highest - lowest)))
 
-    def _block(self, program: Program, name: str, data: bytes) -> None:
+    def _block(self, program: Program, name: str, number: int, pack: Callable[[], bytes]) -> None:
+        """Fill a uniform block with what `pack` gives; the number tells blocks of one name apart in a plan."""
         binding = uniforms.BLOCKS[name]
+        if (name, number) not in self._packed:
+            self._packed[name, number] = pack()
+        data = self._packed[name, number]
         buffer = self._buffers.get(binding)
         if buffer is None or buffer.size != len(data):
             if buffer is not None:
@@ -147,11 +164,6 @@ class Frame:
         buffer.write(data)
         buffer.bind_to_uniform_block(binding)
         program.bind_block(name, binding)
-
-    def report(self, fraction: float) -> None:
-        """Tell `progress` how far a pass has come."""
-        if self.progress is not None:
-            self.progress(fraction)
 
     def release_unused(self) -> None:
         """Free the atlases and targets that the plan does not use."""
@@ -169,8 +181,10 @@ class Frame:
         self.targets.keep(used | ({"march_other"} if len(plan.batches) * len(plan.slices) > 1 else set()))
 
     def rest(self) -> None:
-        """Leave no framebuffer bound that may be released."""
-        self._idle.use()
+        """Leave no framebuffer bound that may be released, but the window's where there is one, and nothing enabled
+        that a user interface drawn in the same context would have to know of."""
+        self.context.enable_only(moderngl.NOTHING)
+        (self.context.screen or self._idle).use()
 
     def release_scene(self) -> None:
         """Free what belongs to a scene."""

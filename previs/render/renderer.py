@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Generator, Hashable, Iterable, Mapping
+from contextlib import closing
 
 import moderngl
 import numpy as np
 
-from ..description import Camera
+from ..description import Camera, Note
 from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
@@ -17,7 +18,7 @@ from ..settings import Settings
 from .context import check_errors, create_context, is_software
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
-from .plan import DeviceLimits, Plan, make_plan
+from .plan import DeviceLimits, Plan, PlannedPass, make_plan
 from .shader import ShaderError
 
 #: Planes that are averaged over the samples of a pixel. Depth takes the nearest, the others the first sample: the mean
@@ -51,6 +52,9 @@ class Renderer:
         self.limits = DeviceLimits(texture_size, info["GL_MAX_3D_TEXTURE_SIZE"], info["GL_MAX_UNIFORM_BLOCK_SIZE"])
         self._states: dict[str, tuple[Hashable, int]] = {}
         self._serial = itertools.count(1)
+        self._drawing: Generator[float, None, None] | None = None
+        # Seconds that a pass of a kind took last: its share of the progress.
+        self._weights: dict[str, float] = {}
         #: Names of the passes that ran in the last frame, in order.
         self.executed: list[str] = []
 
@@ -96,7 +100,7 @@ class Renderer:
             raise PrevisError(f"image of {width}×{height} pixels: this device draws from 1×1 to {limit}×{limit}")
         started = time.perf_counter()
         times: dict[str, float] = {}
-        self.executed = []
+        executed: list[str] = []
         count = settings.antialias
         shifts = [((i + 0.5) / count - 0.5, (j + 0.5) / count - 0.5) for j in range(count) for i in range(count)]
         total: dict[str, np.ndarray] = {}
@@ -107,7 +111,11 @@ class Renderer:
                     progress((number + fraction) / len(shifts))
 
             plan = make_plan(index, camera, width, height, settings, shift, self.limits)
-            self.draw(plan, report, times)
+            try:
+                self.draw(plan, report, times)
+            finally:
+                executed += self.executed
+                self.executed = list(executed)
             planes = self._read(plan)
             if not total:
                 total = planes
@@ -120,20 +128,7 @@ class Renderer:
         if len(shifts) > 1:
             total = {name: plane / len(shifts) if name in AVERAGED else plane for name, plane in total.items()}
         report(1.0)
-        stats = {
-            "plan": [
-                {"pass": p.name, "why": p.why, "resolution": list(p.resolution), "bytes": p.memory} for p in plan.passes
-            ],
-            "executed": list(self.executed),
-            "times": times,
-            "seconds": time.perf_counter() - started,
-            "memory": sum(p.memory for p in plan.passes),
-            "device": self.device,
-            "settings": dict(settings),
-            "notes": [str(n) for n in (*index.notes, *plan.notes)],
-        }
-        color, alpha, depth = total.pop("color"), total.pop("alpha"), total.pop("depth")
-        return Image(color, alpha, depth, total, stats)
+        return self._image(plan, total, times, time.perf_counter() - started, (*index.notes, *plan.notes))
 
     def draw(
         self,
@@ -141,51 +136,193 @@ class Renderer:
         progress: Callable[[float], None] | None = None,
         times: dict[str, float] | None = None,
     ) -> None:
-        """Run the passes of a plan that are out of date; the picture stays in the target named "composite".
+        """Run the passes of a plan that are out of date; the picture stays in the texture named "composite".
 
         Args:
             plan: made by `plan`.
             progress: as for `render`.
             times: seconds per pass name are added to it; timing waits for every pass to end.
+
+        Raises:
+            PrevisError: when a pass fails.
+        """
+        with closing(self.drawing(plan, None, times)) as drawing:
+            for fraction in drawing:
+                if progress is not None:
+                    progress(fraction)
+
+    def drawing(
+        self, plan: Plan, piece_seconds: float | None = None, times: dict[str, float] | None = None
+    ) -> Generator[float, None, None]:
+        """Run the passes of a plan that are out of date, a piece of work at a time.
+
+        Between two pieces the caller may draw anything in the same context, also with a renderer that shares with this
+        one, and may drop the generator: the pass under way then runs again when it is needed, and nothing else is
+        lost. A drawing that is begun ends the one before it; no framebuffer of the renderer is left bound.
+
+        Args:
+            plan: made by `plan`.
+            piece_seconds: how long a piece should take. Marches, surface lighting and transmittance maps are cut into
+                rectangles by how long earlier ones took; other passes are a piece each. None takes whole passes, and
+                for long marches the slices of the plan.
+            times: as for `draw`; what others do between pieces is not in it.
+
+        Yields:
+            The part of the work that is done, in [0, 1], never falling; 1 at the end.
+
+        Raises:
+            PrevisError: when a pass fails.
+            RuntimeError: when another drawing was begun meanwhile.
         """
         frame = self._frame
-        frame.plan = plan
-        with self.context:
-            frame.rest()
-            frame.release_unused()
-            if plan.maps and frame.maps.update(plan):
-                self._forget("transmittance_map")
-            if plan.shadow_tiles and frame.shadows.update(plan):
-                self._forget("shadow_map")
-            for path in set(self._states) - {p.name for p in plan.passes}:
-                del self._states[path]
-            pending = [p for p in plan.passes if p.kind == "march"]
-            for p in plan.passes:
-                state = (p.depends, tuple(self._states[i][1] for i in p.inputs))
-                held = self._states.get(p.name)
-                if held is not None and held[0] == state:
-                    continue
-                frame.progress = progress if p in pending else None
-                begin = time.perf_counter()
-                # A pass that fails halfway must run again.
-                self._states.pop(p.name, None)
-                try:
-                    RUNNERS[p.kind](frame, p)
-                    if times is not None:
-                        self.context.finish()
-                        times[p.name] = times.get(p.name, 0.0) + time.perf_counter() - begin
+        self._stop()
+        work = self._drawing = self._work(plan, times)
+        self.executed = []
+        try:
+            while True:
+                if self._drawing is not work:
+                    raise RuntimeError("another drawing of this renderer was begun")
+                with self.context:
+                    if piece_seconds is not None:
+                        # An error that others left behind is not one of ours.
+                        _ = self.context.error
+                    frame.plan, frame.pace.seconds = plan, piece_seconds
+                    try:
+                        fraction = next(work, None)
+                    finally:
+                        frame.rest()
+                if fraction is None:
+                    break
+                yield fraction
+        finally:
+            work.close()
+            if self._drawing is work:
+                self._drawing = None
+
+    def _work(self, plan: Plan, times: dict[str, float] | None) -> Generator[float, None, None]:
+        """Run what is out of date; anything may happen in the context at a yield."""
+        frame = self._frame
+        frame.rest()
+        frame.release_unused()
+        if plan.maps and frame.maps.update(plan):
+            self._forget("transmittance_map")
+        if plan.shadow_tiles and frame.shadows.update(plan):
+            self._forget("shadow_map")
+        for path in set(self._states) - {p.name for p in plan.passes}:
+            del self._states[path]
+        weights = {p.name: self._weights.get(p.kind, 1e-3) for p in plan.passes}
+        pending = self.stale(plan)
+        whole = sum(weights[name] for name in pending)
+        finished = reached = 0.0
+        for p in plan.passes:
+            if self._is_current(p):
+                continue
+            # A pass that does not come to its end must run again.
+            self._states.pop(p.name, None)
+            seconds, begin = 0.0, time.perf_counter()
+            try:
+                for part in RUNNERS[p.kind](frame, p):
                     check_errors(self.context, p.name)
-                except (ShaderError, moderngl.Error, MemoryError, RuntimeError) as error:
-                    raise PrevisError(f"{p.name}: {type(error).__name__}: {error}") from error
-                self._states[p.name] = (state, next(self._serial))
-                self.executed.append(p.name)
-            frame.rest()
+                    seconds += time.perf_counter() - begin
+                    if part < 1.0:
+                        reached = max(reached, min((finished + part * weights[p.name]) / whole, 1.0))
+                        yield reached
+                    begin = time.perf_counter()
+                if times is not None:
+                    self.context.finish()
+                    seconds += time.perf_counter() - begin
+                    times[p.name] = times.get(p.name, 0.0) + seconds
+            except (ShaderError, moderngl.Error, MemoryError, RuntimeError) as error:
+                raise PrevisError(f"{p.name}: {type(error).__name__}: {error}") from error
+            self._states[p.name] = (self._wanted(p), next(self._serial))
+            self._weights[p.kind] = seconds
+            self.executed.append(p.name)
+            finished += weights[p.name]
+            if p is not plan.passes[-1]:
+                reached = max(reached, min(finished / whole, 1.0))
+                yield reached
+        yield 1.0
+
+    def _wanted(self, p: PlannedPass) -> Hashable:
+        """What a pass depends on, as it is now."""
+        return p.depends, tuple(self._states[i][1] for i in p.inputs)
+
+    def _is_current(self, p: PlannedPass) -> bool:
+        held = self._states.get(p.name)
+        return held is not None and held[0] == self._wanted(p)
+
+    def stale(self, plan: Plan) -> tuple[str, ...]:
+        """Names of the passes that `draw` would run for a plan, in order; changes nothing."""
+        names: dict[str, None] = {}
+        for p in plan.passes:
+            if any(i in names for i in p.inputs) or not self._is_current(p):
+                names[p.name] = None
+        return tuple(names)
+
+    def texture(self, name: str = "composite") -> moderngl.Texture:
+        """The finished picture of the last plan drawn: RGBA float, premultiplied colour and alpha, bottom row first.
+
+        It is valid until another plan is drawn, and filled again in place by a plan of the same size.
+
+        Args:
+            name: "composite"; or another pass that fills a target of the image's size, whose first texture it gives.
+
+        Raises:
+            PrevisError: when nothing of that name was drawn.
+        """
+        if name not in self._frame.targets or name not in self._states:
+            raise PrevisError(f"{name}: not drawn yet")
+        return self._frame.targets[name].color_attachments[0]
+
+    def image(self, plan: Plan, times: Mapping[str, float] | None = None) -> Image:
+        """Read back what was drawn for a plan.
+
+        Args:
+            plan: the plan that was drawn last, to its end.
+            times: seconds per pass name, for `stats`.
+
+        Returns:
+            As for `render`, for one sample per pixel; the notes in its `stats` are the plan's alone.
+
+        Raises:
+            PrevisError: when the plan is not what was drawn.
+        """
+        if stale := self.stale(plan):
+            raise PrevisError(f"{stale[0]}: not drawn yet")
+        times = dict(times or {})
+        return self._image(plan, self._read(plan), times, sum(times.values()), plan.notes)
+
+    def _image(
+        self, plan: Plan, planes: dict[str, np.ndarray], times: dict[str, float], seconds: float, notes: Iterable[Note]
+    ) -> Image:
+        stats = {
+            "plan": [
+                {"pass": p.name, "why": p.why, "resolution": list(p.resolution), "bytes": p.memory} for p in plan.passes
+            ],
+            "executed": list(self.executed),
+            "times": times,
+            "seconds": seconds,
+            "memory": sum(p.memory for p in plan.passes),
+            "device": self.device,
+            "settings": dict(plan.settings),
+            "notes": [str(n) for n in notes],
+        }
+        planes = dict(planes)
+        color, alpha, depth = planes.pop("color"), planes.pop("alpha"), planes.pop("depth")
+        return Image(color, alpha, depth, planes, stats)
 
     def forget_scene(self) -> None:
         """Free what belongs to the scene last rendered; compiled shaders stay."""
+        self._stop()
         with self.context:
             self._frame.release_scene()
         self._states.clear()
+
+    def _stop(self) -> None:
+        """End a drawing that is under way."""
+        if self._drawing is not None:
+            self._drawing.close()
+            self._drawing = None
 
     def _forget(self, kind: str) -> None:
         for name in [n for n in self._states if n.startswith(kind)]:
@@ -221,6 +358,7 @@ class Renderer:
         """Free all resources, and the context if the renderer made it."""
         if self.context is None:
             return
+        self._stop()
         with self.context:
             self._frame.release()
         if self._owns_context:

@@ -1,12 +1,14 @@
 """The passes: one module each, with a function that draws what a planned pass asks for.
 
 A pass gets the `Frame` it works in and the `PlannedPass` to run. It decides nothing: what runs, and when, is in the
-plan.
+plan. It is a generator that yields the part of itself that is done after every piece of work. Whoever runs it may draw
+other things in the same context then, with the same programs too: a pass binds and sets all it needs after each yield,
+and needs no OpenGL to be dropped at one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from ..frame import Frame
 from ..plan import PassKind, PlannedPass
@@ -18,7 +20,7 @@ from .shadow_map import run_shadow_map
 from .surface import run_surface
 from .transmittance_map import run_transmittance_map
 
-RUNNERS: dict[PassKind, Callable[[Frame, PlannedPass], None]] = {
+RUNNERS: dict[PassKind, Callable[[Frame, PlannedPass], Iterator[float]]] = {
     "fields": run_fields,
     "shadow_map": run_shadow_map,
     "transmittance_map": run_transmittance_map,

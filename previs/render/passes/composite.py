@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import moderngl
 
 from ..frame import Frame
 from ..plan import PlannedPass
 
 
-def run_composite(frame: Frame, planned: PlannedPass) -> None:
+def run_composite(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Put scattered and emitted light over the attenuated surfaces, and compute alpha."""
     plan = frame.plan
     framebuffer = frame.targets.get("composite", (plan.width, plan.height), ("f4",))
@@ -28,3 +30,4 @@ def run_composite(frame: Frame, planned: PlannedPass) -> None:
         frame.bind(surface_radiance=frame.targets["surface"].color_attachments[0])
     frame.context.enable_only(moderngl.NOTHING)
     frame.draw_fullscreen(program)
+    yield 1.0

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from ..frame import Frame
 from ..plan import PlannedPass
 
 
-def run_fields(frame: Frame, planned: PlannedPass) -> None:
+def run_fields(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Upload the fields of the plan's volumes; equal fields are uploaded once."""
     volumes = planned.payload
     memory = frame.plan.settings.field_memory * 2**20
@@ -14,3 +16,5 @@ def run_fields(frame: Frame, planned: PlannedPass) -> None:
     for atlas, role in ((frame.density, "density"), (frame.temperature, "temperature"), (frame.emission, "emission")):
         fields = {v.path: getattr(v, role) for v in volumes}
         atlas.update({p: f for p, f in fields.items() if f is not None and f.grid.active_count}, memory, limit)
+    frame.forget_placements()
+    yield 1.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import moderngl
 
 from ...description import Surface
@@ -12,7 +14,7 @@ from ..projection import gl
 FORMATS = ("f4", "f2", "f2", "f2")
 
 
-def run_gbuffer(frame: Frame, planned: PlannedPass) -> None:
+def run_gbuffer(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Draw all meshes into distance, normal and surface constants."""
     plan = frame.plan
     frame.meshes.update(plan.meshes, plan.origin)
@@ -34,6 +36,7 @@ def run_gbuffer(frame: Frame, planned: PlannedPass) -> None:
         )
         frame.meshes.draw(mesh, program.program, "3f4 3f4 3f4", ("in_position", "in_normal", "in_color"))
     frame.context.enable_only(moderngl.NOTHING)
+    yield 1.0
 
 
 def diffuse(surface: Surface) -> tuple[float, float, float]:

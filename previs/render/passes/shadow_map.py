@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import moderngl
 
 from ..frame import Frame
@@ -9,7 +11,7 @@ from ..plan import PlannedLight, PlannedPass
 from ..projection import gl, relative_to
 
 
-def run_shadow_map(frame: Frame, planned: PlannedPass) -> None:
+def run_shadow_map(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Draw all meshes into every face of one light's shadow map."""
     plan, light = frame.plan, planned.payload
     assert isinstance(light, PlannedLight) and light.shadow is not None
@@ -35,3 +37,4 @@ def run_shadow_map(frame: Frame, planned: PlannedPass) -> None:
             frame.meshes.draw(mesh, program.program, "3f4 24x", ("in_position",))
     framebuffer.scissor = None
     frame.context.enable_only(moderngl.NOTHING)
+    yield 1.0

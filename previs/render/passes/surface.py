@@ -2,33 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import moderngl
 
 from ..frame import BACKGROUND_DISTANCE, Frame
 from ..plan import PlannedPass
 
 
-def run_surface(frame: Frame, planned: PlannedPass) -> None:
+def run_surface(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Light what is in the G-buffer, a batch of lights at a time."""
     plan = frame.plan
-    framebuffer = frame.targets.get("surface", (plan.width, plan.height), ("f4",))
-    framebuffer.use()
-    framebuffer.clear()
+    size = (plan.width, plan.height)
+    framebuffer = frame.targets.get("surface", size, ("f4",))
     program = frame.fullscreen("surface.frag")
     normal, albedo, specular, emissive = frame.targets["gbuffer"].color_attachments
-    frame.bind_camera(program)
-    program.set(background_distance=0.5 * BACKGROUND_DISTANCE)
-    frame.bind(
-        gbuffer_normal_distance=normal,
-        gbuffer_diffuse_roughness=albedo,
-        gbuffer_specular=specular,
-        gbuffer_emissive=emissive,
-    )
-    frame.context.enable_only(moderngl.NOTHING)
-    for batch in plan.batches:
-        frame.bind_lighting(program, batch)
-        if batch.start > 0:
-            frame.context.enable_only(moderngl.BLEND)
-            frame.context.blend_func = moderngl.ONE, moderngl.ONE
-        frame.draw_fullscreen(program)
-    frame.context.enable_only(moderngl.NOTHING)
+    parts = len(plan.batches)
+    for number, batch in enumerate(plan.batches):
+        for piece in frame.pieces("surface", size, number / parts, (number + 1) / parts):
+            with piece:
+                frame.bind_camera(program)
+                program.set(background_distance=0.5 * BACKGROUND_DISTANCE)
+                frame.bind(
+                    gbuffer_normal_distance=normal,
+                    gbuffer_diffuse_roughness=albedo,
+                    gbuffer_specular=specular,
+                    gbuffer_emissive=emissive,
+                )
+                frame.bind_lighting(program, batch)
+                frame.context.enable_only(moderngl.NOTHING)
+                if number > 0:
+                    frame.context.enable_only(moderngl.BLEND)
+                    frame.context.blend_equation = moderngl.FUNC_ADD
+                    frame.context.blend_func = moderngl.ONE, moderngl.ONE
+                framebuffer.scissor = piece.scissor
+                framebuffer.use()
+                frame.draw_fullscreen(program)
+                framebuffer.scissor = None
+            yield piece.done

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import moderngl
 import numpy as np
@@ -17,7 +18,7 @@ BEGIN_DEPTH = 0.001
 SECOND_MARCH_STEPS = 96.0
 
 
-def run_transmittance_map(frame: Frame, planned: PlannedPass) -> None:
+def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Fill the tile of one pair of light and volume."""
     plan, item = frame.plan, planned.payload
     assert isinstance(item, PlannedMap)
@@ -36,28 +37,31 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> None:
     box_to_world[3, :3] -= fit.centre
     weighting = density_weighting(plan.volumes, settings)
     stored = item.reference / weighting
-    program.set(
-        centre_to_box=np.ascontiguousarray(np.linalg.inv(box_to_world), np.float32).tobytes(),
-        atlas_scale=placement.scale_row(),
-        atlas_offset=tuple(placement.offset),
-        map_kind=MAP_KINDS_NUMBERS[fit.kind],
-        ray_origin=np.asarray(fit.ray_origin, np.float32).tobytes(),
-        ray_direction=np.asarray(fit.ray_direction, np.float32).tobytes(),
-        from_light=(*fit.from_light, float(np.linalg.norm(fit.from_light))),
-        stored=stored,
-        end_depth=-math.log(settings.threshold) * stored / item.weakest,
-        begin_depth=BEGIN_DEPTH / weighting,
-        step_length=step_length(volume, frame.density.placements, settings.light_steps),
-    )
-    frame.bind(density_atlas=frame.density.texture)
     columns = plan.atlas_columns(plan.map_size)
+    left, bottom = (item.tile % columns) * plan.map_size, (item.tile // columns) * plan.map_size
     framebuffer = frame.maps.framebuffer
-    framebuffer.use()
-    framebuffer.viewport = (
-        (item.tile % columns) * plan.map_size,
-        (item.tile // columns) * plan.map_size,
-        plan.map_size,
-        plan.map_size,
-    )
-    frame.context.enable_only(moderngl.NOTHING)
-    frame.draw_fullscreen(program)
+    for piece in frame.pieces("transmittance_map", (plan.map_size, plan.map_size)):
+        with piece:
+            program.set(
+                centre_to_box=np.ascontiguousarray(np.linalg.inv(box_to_world), np.float32).tobytes(),
+                atlas_scale=placement.scale_row(),
+                atlas_offset=tuple(placement.offset),
+                map_kind=MAP_KINDS_NUMBERS[fit.kind],
+                ray_origin=np.asarray(fit.ray_origin, np.float32).tobytes(),
+                ray_direction=np.asarray(fit.ray_direction, np.float32).tobytes(),
+                from_light=(*fit.from_light, float(np.linalg.norm(fit.from_light))),
+                stored=stored,
+                end_depth=-math.log(settings.threshold) * stored / item.weakest,
+                begin_depth=BEGIN_DEPTH / weighting,
+                step_length=step_length(volume, frame.density.placements, settings.light_steps),
+            )
+            frame.bind(density_atlas=frame.density.texture)
+            frame.context.enable_only(moderngl.NOTHING)
+            framebuffer.viewport = (left, bottom, plan.map_size, plan.map_size)
+            if piece.scissor is not None:
+                x, y, width, height = piece.scissor
+                framebuffer.scissor = (left + x, bottom + y, width, height)
+            framebuffer.use()
+            frame.draw_fullscreen(program)
+            framebuffer.scissor = None
+        yield piece.done
