@@ -1,4 +1,4 @@
-"""The command line: ``previs record | info | diff | doctor``.
+"""The command line: ``previs view | record | info | diff | doctor``.
 
 Exit status: 0 done, 1 it could not be done (one line on stderr says what and why), 2 wrong arguments.
 """
@@ -15,6 +15,7 @@ from typing import NoReturn
 from .errors import PrevisError
 
 _COMMANDS = {
+    "view": "open a stage in a window, see it lit, tune it live",
     "record": "render frames of a stage to picture files",
     "info": "what is in a stage, how it would be rendered, what is not shown as authored",
     "diff": "how far one picture is from another",

@@ -401,6 +401,27 @@ class SceneDescription:
             return None
         return np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
 
+    def bounds_of(self, path: str) -> tuple[np.ndarray, np.ndarray] | None:
+        """The world box of the records at a prim path, its instances and what is below it.
+
+        A light that has a place counts with its size, or with a hundredth of the scene where it has none. None where
+        there is nothing with a place.
+        """
+
+        def belongs(record: str) -> bool:
+            return record == path or record.startswith((f"{path}/", f"{path}["))
+
+        boxes = [volume_world_bounds(v) for p, v in self.volumes.items() if belongs(p)]
+        boxes += [b for p, m in self.meshes.items() if belongs(p) and (b := mesh_world_bounds(m)) is not None]
+        placed = [light for p, light in self.lights.items() if belongs(p) and light.kind not in ("distant", "dome")]
+        if placed:
+            world = self.world_bounds()
+            least = 0.01 * float(np.linalg.norm(world[1] - world[0])) if world is not None else 1.0
+            boxes += [(x.position - (r := max(x.world_radius, least)), x.position + r) for x in placed]
+        if not boxes:
+            return None
+        return np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
+
 
 def matrix_key(matrix: np.ndarray) -> bytes:
     """A hashable stand-in for a matrix: equal bytes, equal matrix. Adding 0.0 makes −0 and 0 the same."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from typing import Any
 
 from ..settings import BY_NAME, TABLE, Settings
 
@@ -11,13 +12,19 @@ _PURPOSES = ("default", "render", "proxy", "guide")
 
 
 def add_stage_arguments(parser: argparse.ArgumentParser) -> None:
-    """The stage, and what of it to show."""
+    """The stage, what of it to show, and how large."""
     parser.add_argument("stage", metavar="STAGE", help="USD stage: .usd, .usda, .usdc or .usdz")
     parser.add_argument(
-        "--camera", "-cam", metavar="CAMERA", help="prim path or name of a camera (default: the stage's)"
-    )
-    parser.add_argument(
         "--imageWidth", "-w", type=_positive, metavar="PIXELS", help="width of the image (default: 960)"
+    )
+    parser.add_argument("--renderSettingsPrimPath", "-rs", metavar="PATH", help="RenderSettings prim to follow")
+    add_opening_arguments(parser)
+
+
+def add_opening_arguments(parser: argparse.ArgumentParser) -> None:
+    """What of a stage to show, and how to open it."""
+    parser.add_argument(
+        "--camera", "-cam", metavar="CAMERA", help="prim path or name of a camera (default: the stage's)"
     )
     parser.add_argument(
         "--mask", metavar="PATH[,PATH...]", help="show only these prims, what is below them and what they use"
@@ -30,7 +37,6 @@ def add_stage_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"purposes shown besides default: {', '.join(_PURPOSES[1:])} (default: render)",
     )
     parser.add_argument("--sessionLayer", metavar="LAYER", help="USD layer composed over the stage")
-    parser.add_argument("--renderSettingsPrimPath", "-rs", metavar="PATH", help="RenderSettings prim to follow")
     parser.add_argument(
         "--keepGoing", action="store_true", help="leave out a volume that cannot be read, with a warning"
     )
@@ -84,17 +90,21 @@ def open_scene(arguments: argparse.Namespace):
     Raises:
         PrevisError: when it cannot be opened.
     """
-    if arguments.disableGpu:
-        os.environ["LIBGL_ALWAYS_SOFTWARE"] = "1"
     from ..scene import Scene
 
-    return Scene.open(
-        arguments.stage,
-        session_layer=arguments.sessionLayer,
-        mask=[p for p in (arguments.mask or "").split(",") if p] or None,
-        purposes=arguments.purposes,
-        keep_going=arguments.keepGoing,
-    )
+    return Scene.open(arguments.stage, **scene_options(arguments))
+
+
+def scene_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The keyword arguments of `Scene.open` that the arguments ask for; --disableGpu takes effect here."""
+    if arguments.disableGpu:
+        os.environ["LIBGL_ALWAYS_SOFTWARE"] = "1"
+    return {
+        "session_layer": arguments.sessionLayer,
+        "mask": [p for p in (arguments.mask or "").split(",") if p] or None,
+        "purposes": arguments.purposes,
+        "keep_going": arguments.keepGoing,
+    }
 
 
 def _purposes(text: str) -> list[str]:

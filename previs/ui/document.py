@@ -23,6 +23,14 @@ HISTORY_LIMIT = 500
 _versions = itertools.count(1)
 
 
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What there was to be seen at one moment."""
+
+    description: SceneDescription
+    settings: Settings
+
+
 @dataclass(frozen=True)
 class _Entry:
     label: str
@@ -37,32 +45,43 @@ class Document:
         scene: the scene, which the document owns from now on.
         path: what was opened, for the user to read.
         time: time code shown; None is the earliest of the stage.
+        progress: called with the part that is read, in [0, 1], and the prim being read; it may raise to stop.
 
     Raises:
         PrevisError: when the scene cannot be described.
 
     Attributes:
         description: the last description that could be read.
-        before: the description before the last edit, to compare with.
+        before: what was seen before the last edit, to compare with.
         settings: the knobs: what the stage says, edits included.
         error: why the stage as it is now cannot be shown; "" when `description` is what the stage holds.
         version: moves when description or settings did.
     """
 
-    def __init__(self, scene: Scene, path: str | os.PathLike[str], time: float | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        path: str | os.PathLike[str],
+        time: float | None = None,
+        progress: Callable[[float, str], None] | None = None,
+    ) -> None:
         self.scene = scene
         self.path = os.fspath(path)
         self.time_range = scene.time_range
         self.time: float = time if time is not None else (self.time_range.start if self.time_range else 0.0)
-        self.description: SceneDescription = scene.describe(self._time_code)
+        self.description: SceneDescription = scene.describe(self.time_code, progress=progress)
         self.settings = Settings(**scene.settings())
-        self.before: SceneDescription = self.description
+        self.before = Look(self.description, self.settings)
         self.error = ""
         self.version = next(_versions)
         self._undone: list[_Entry] = []
         self._done: list[_Entry] = []
-        self._group: tuple[str, str, SceneDescription] | None = None
+        self._group: tuple[str, str, Look] | None = None
         self._saved = scene.snapshot()
+
+    @property
+    def _look(self) -> Look:
+        return Look(self.description, self.settings)
 
     @property
     def name(self) -> str:
@@ -87,7 +106,7 @@ class Document:
         Raises:
             PrevisError: when the change is refused; the scene is then as before.
         """
-        before, shown = self.scene.snapshot(), self.description
+        before, shown = self.scene.snapshot(), self._look
         try:
             change(self.scene)
         except (PrevisError, ValueError) as error:
@@ -100,7 +119,7 @@ class Document:
     def begin(self, label: str) -> None:
         """Open an entry of the history that all edits up to `end` belong to, such as those of one drag."""
         self.end()
-        self._group = (label, self.scene.snapshot(), self.description)
+        self._group = (label, self.scene.snapshot(), self._look)
 
     def end(self) -> None:
         """Close the entry; without an edit since `begin` there is none."""
@@ -108,7 +127,7 @@ class Document:
             group, self._group = self._group, None
             self._remember(*group)
 
-    def _remember(self, label: str, before: str, shown: SceneDescription) -> None:
+    def _remember(self, label: str, before: str, shown: Look) -> None:
         after = self.scene.snapshot()
         if after == before:
             return
@@ -148,7 +167,7 @@ class Document:
         return entry.label
 
     def _restore(self, snapshot: str) -> None:
-        self.before = self.description
+        self.before = self._look
         self.scene.restore(snapshot)
         self.refresh()
 
@@ -169,7 +188,8 @@ class Document:
     # --- time -----------------------------------------------------------------------------------------------------
 
     @property
-    def _time_code(self) -> float | None:
+    def time_code(self) -> float | None:
+        """The time shown as the scene takes it: None where the stage has no range of time."""
         return self.time if self.time_range is not None else None
 
     def set_time(self, time: float) -> None:
@@ -178,17 +198,12 @@ class Document:
             self.time = time
             self.refresh()
 
-    @property
-    def edit_time(self) -> float | None:
-        """The time at which an animated attribute is edited; None where the stage has no animation."""
-        return self._time_code
-
     # --- files ----------------------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
         """Read what changed. What cannot be read leaves the last good description and says so in `error`."""
         try:
-            description, settings = self.scene.describe(self._time_code), Settings(**self.scene.settings())
+            description, settings = self.scene.describe(self.time_code), Settings(**self.scene.settings())
         except PrevisError as error:
             self.error = str(error)
             return

@@ -1,0 +1,269 @@
+"""A picture that refines itself: drafts while something moves, the full quality when nothing does.
+
+`Picture` is given a request for every frame of the window and works on it for as long as it is told to. What it shows
+is always a whole picture: the last one that was finished, kept in a texture of its own.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+
+from ..description import Camera
+from ..errors import PrevisError
+from ..image import Image
+from ..index import RenderIndex
+from ..render.plan import Plan
+from ..render.renderer import Renderer
+from ..settings import Settings
+from .refinement import Level, LevelName, Pace
+
+#: Length of the pieces that a picture at rest is drawn in, so that the window can be drawn in between.
+PIECE_SECONDS = 0.012
+#: A draft is drawn to its end without a frame of the window in between, unless it takes longer than this.
+DRAFT_PATIENCE = 0.15
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be seen. Requests with equal keys show the same picture."""
+
+    key: Hashable
+    index: RenderIndex
+    camera: Camera
+    size: tuple[int, int]
+    settings: Settings
+
+
+@dataclass
+class _Drawing:
+    request: Request
+    level: Level
+    renderer: Renderer
+    plan: Plan
+    pieces: Iterator[float]
+    times: dict[str, float]
+    seconds: float = 0.0
+
+
+class Picture:
+    """One picture of the view, refined step by step.
+
+    Args:
+        context: the window's OpenGL context.
+        share: a picture whose compiled shaders and voxels are used too.
+
+    Attributes:
+        level: name of the level shown, "" before the first picture.
+        executed: names of the passes that ran for the first picture of the present request, which is what an edit cost.
+        times: seconds per pass of the picture shown.
+        plan: the plan of the picture shown.
+        error: why the present request cannot be drawn; the last good picture stays.
+        serial: moves with every picture shown.
+        progress: done part of the picture being drawn, in [0, 1].
+        latency: seconds from the present request's arrival to its first picture.
+    """
+
+    def __init__(self, context: moderngl.Context, share: Picture | None = None) -> None:
+        self.context = context
+        self._draft = Renderer(context, share=share.renderer if share else None)
+        # Levels of different sizes have maps and targets of their own, or every edit would make them anew.
+        self._final = Renderer(context, share=self._draft)
+        self.pace = Pace(self._draft.is_software)
+        self.level: LevelName | str = ""
+        self.executed: tuple[str, ...] = ()
+        self.times: dict[str, float] = {}
+        self.plan: Plan | None = None
+        self.error = ""
+        self.serial = 0
+        self.progress = 0.0
+        self.latency = 0.0
+        self._wanted: Request | None = None
+        self._arrived = 0.0
+        self._shown: tuple[Request, Level] | None = None
+        self._failed: Hashable = None
+        self._drawing: _Drawing | None = None
+        self._copy: moderngl.Framebuffer | None = None
+
+    @property
+    def renderer(self) -> Renderer:
+        """The renderer that others may share with."""
+        return self._draft
+
+    @property
+    def texture(self) -> moderngl.Texture | None:
+        """The picture shown: linear, premultiplied, bottom row first; None before the first."""
+        return self._copy.color_attachments[0] if self._copy is not None else None
+
+    @property
+    def finished(self) -> bool:
+        """Whether what is shown is the present request in its last level."""
+        return self._is_shown() and self.level == "final"
+
+    @property
+    def current(self) -> bool:
+        """Whether what is shown belongs to the present request, at whatever level."""
+        return self._is_shown()
+
+    def _is_shown(self) -> bool:
+        return self._shown is not None and self._wanted is not None and self._shown[0].key == self._wanted.key
+
+    def show(self, request: Request) -> None:
+        """Ask for a picture; the same key again changes nothing."""
+        if self._wanted is None or self._wanted.key != request.key:
+            self._wanted, self._arrived = request, time.perf_counter()
+            self.error = ""
+
+    def pending(self, moving: bool) -> bool:
+        """Whether `work` has anything to do; while something moves a draft is enough."""
+        if self._wanted is None or self._failed == self._wanted.key:
+            return False
+        if not self._is_shown():
+            return True
+        return not moving and self.level != "final"
+
+    def work(self, seconds: float, moving: bool) -> bool:
+        """Draw for about so long; returns whether another picture is shown now.
+
+        A draft is finished even when the request has changed meanwhile, or a hand that never rests would see nothing.
+        """
+        begin = time.perf_counter()
+        changed = False
+        while True:
+            if self._drawing is not None and self._drawing.level.name != "draft":
+                if moving or self._wanted is None or self._drawing.request.key != self._wanted.key:
+                    self._drop()
+            if self._drawing is None and not (self.pending(moving) and self._start()):
+                return changed
+            drawing = self._drawing
+            assert drawing is not None
+            if self._piece(drawing):
+                changed = True
+                if not self.pending(moving):
+                    return changed
+            spent = time.perf_counter() - begin
+            patience = DRAFT_PATIENCE if self._drawing is not None and drawing.level.name == "draft" else seconds
+            if spent >= patience or (changed and spent >= seconds):
+                return changed
+
+    def _start(self) -> bool:
+        """Begin the next level of the request; False when it cannot be drawn."""
+        request = self._wanted
+        assert request is not None
+        width, height = request.size
+        if self._is_shown():
+            level = self.pace.next(self.level, width, height, request.settings)
+        else:
+            level = self.pace.first(width, height, request.settings)
+        if level is None:
+            return False
+        renderer = self._draft if level.name == "draft" else self._final
+        times: dict[str, float] = {}
+        try:
+            plan = renderer.plan(request.index, request.camera, *level.size(width, height), level.settings)
+        except PrevisError as error:
+            self._fail(request, error)
+            return False
+        pieces = renderer.drawing(plan, PIECE_SECONDS, times)
+        self._drawing = _Drawing(request, level, renderer, plan, pieces, times)
+        self.progress = 0.0
+        return True
+
+    def _piece(self, drawing: _Drawing) -> bool:
+        """Draw one piece; True when it was the last and the picture is shown."""
+        begin = time.perf_counter()
+        try:
+            self.progress = next(drawing.pieces)
+            drawing.seconds += time.perf_counter() - begin
+            return False
+        except StopIteration:
+            pass
+        except PrevisError as error:
+            self._drawing = None
+            self._fail(drawing.request, error)
+            return False
+        self._drawing = None
+        self._keep(drawing)
+        drawing.seconds += time.perf_counter() - begin
+        # Pictures that reuse most of their passes say nothing of the pace.
+        if any(name == "march" for name in drawing.renderer.executed):
+            self.pace.measured(drawing.level, drawing.plan.width * drawing.plan.height, drawing.seconds)
+        first = self._shown is None or self._shown[0].key != drawing.request.key
+        if first:
+            self.executed = tuple(drawing.renderer.executed)
+            self.latency = time.perf_counter() - self._arrived
+        self._shown = drawing.request, drawing.level
+        self.level, self.times, self.plan = drawing.level.name, drawing.times, drawing.plan
+        self.progress = 1.0
+        self.serial += 1
+        return True
+
+    def _fail(self, request: Request, error: PrevisError) -> None:
+        self.error, self._failed = str(error), request.key
+
+    def _keep(self, drawing: _Drawing) -> None:
+        """Copy the finished picture, whose target the next level may make anew."""
+        texture = drawing.renderer.texture()
+        with self.context:
+            if self._copy is None or self._copy.size != texture.size:
+                self._free_copy()
+                held = self.context.texture(texture.size, 4, dtype="f4")
+                held.repeat_x = held.repeat_y = False
+                self._copy = self.context.framebuffer([held])
+            source = self.context.framebuffer([texture])
+            self.context.copy_framebuffer(self._copy, source)
+            source.release()
+
+    def _drop(self) -> None:
+        if self._drawing is not None:
+            self._drawing.pieces.close()
+            self._drawing = None
+            self.progress = 0.0
+
+    def read(self) -> np.ndarray:
+        """Linear radiance of the picture shown, (H, W, 3) float32, rows from the top.
+
+        Raises:
+            ValueError: when nothing is shown yet.
+        """
+        if self._copy is None:
+            raise ValueError("there is no picture yet")
+        width, height = self._copy.size
+        with self.context:
+            data = self._copy.read(components=3, dtype="f4", alignment=1)
+        return np.frombuffer(data, np.float32).reshape(height, width, 3)[::-1].copy()
+
+    def image(self) -> Image | None:
+        """The finished picture with all its planes, read back; None while it is not finished."""
+        if not self.finished or self.plan is None:
+            return None
+        return self._final.image(self.plan, self.times)
+
+    def forget(self) -> None:
+        """Let go of the scene: nothing is shown until the next request."""
+        self._drop()
+        self._wanted = self._shown = self._failed = None
+        self.level, self.plan, self.error = "", None, ""
+        for renderer in (self._final, self._draft):
+            renderer.forget_scene()
+        with self.context:
+            self._free_copy()
+
+    def _free_copy(self) -> None:
+        if self._copy is not None:
+            held = self._copy.color_attachments[0]
+            self._copy.release()
+            held.release()
+            self._copy = None
+
+    def release(self) -> None:
+        """Free everything."""
+        self._drop()
+        with self.context:
+            self._free_copy()
+        self._final.release()
+        self._draft.release()

@@ -1,0 +1,94 @@
+"""The window: hello_imgui's runner, the layout of the panels, keys, dropped files and the question before leaving."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import PrevisError
+from ..render.context import ContextError, remedy
+
+#: "null" opens a window of GLFW's null platform: no display is needed and nothing is seen, as tests want it.
+PLATFORM_VARIABLE = "PREVIS_WINDOW"
+#: Frames a second at most, while something moves, and while nothing does.
+ACTIVE_RATE, IDLE_RATE = 60.0, 1.0
+
+
+@dataclass
+class Start:
+    """What the window begins with: a file, keyword arguments of `Scene.open` for it, a camera and a time code."""
+
+    path: str | None = None
+    scene_options: dict[str, Any] | None = None
+    camera: str | None = None
+    time: float | None = None
+    size: tuple[int, int] = (1440, 860)
+
+
+def check_display() -> None:
+    """See whether a window can be opened at all, before a library ends the process over it.
+
+    Raises:
+        PrevisError: with what to do.
+    """
+    if os.environ.get(PLATFORM_VARIABLE) == "null":
+        return
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise PrevisError("no display: neither DISPLAY nor WAYLAND_DISPLAY is set; `previs record` renders without one")
+
+
+def run(start: Start, test: Callable[[Any, Any], None] | None = None) -> None:
+    """Open the window and return when it is closed.
+
+    Args:
+        start: what to begin with.
+        test: drives the window in a test: called with the test engine's context and the `App`; the window is closed when
+            it returns, and what it raises is raised here.
+
+    Raises:
+        PrevisError: when no window or no OpenGL can be had.
+    """
+    check_display()
+    try:
+        from imgui_bundle import hello_imgui, immapp
+    except ImportError as error:
+        raise PrevisError(f"the window needs imgui-bundle and its system libraries: {error}. {remedy()}") from error
+    from .runner import Runner
+
+    _choose_platform()
+    runner = Runner(start)
+    parameters, add_ons = runner.parameters()
+    try:
+        if test is None:
+            immapp.run(parameters, add_ons)
+        else:
+            from imgui_bundle.immapp import testing
+
+            testing.run(
+                test_function=lambda context: test(context, runner.app),
+                runner_params=parameters,
+                add_ons_params=add_ons,
+            )
+    except RuntimeError as error:
+        if runner.app is None:
+            raise ContextError(f"no window with OpenGL 3.3: {error}. {remedy()}") from error
+        raise
+    finally:
+        runner.failed_to_end(hello_imgui)
+    if runner.failure is not None:
+        raise runner.failure
+
+
+def _choose_platform() -> None:
+    # After imgui_bundle, whose own GLFW library the glfw package then takes: two of them would not know of each other.
+    import glfw
+
+    if os.environ.get(PLATFORM_VARIABLE) == "null":
+        glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
+        glfw.init()
+        glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.EGL_CONTEXT_API)
+    elif not glfw.init():
+        raise PrevisError("GLFW cannot reach the display; `previs record` renders without one")
