@@ -19,6 +19,9 @@ DRAFT_SECONDS = 0.055
 AT_ONCE_SECONDS = 0.04
 #: A final picture that takes no longer than this needs no medium one before it.
 NO_MEDIUM_SECONDS = 0.25
+#: The size of drafts changes only when the present one takes less than this part of the time, or more than that
+#: multiple of it: another size is another G-buffer, and a picture that flickers.
+STEADY = (0.35, 1.5)
 #: Sides of a draft's pixels, in pixels of the view.
 DIVISORS = (1, 2, 3, 4, 6, 8)
 #: What drafts are content with, where the settings ask for more or leave it to the plan (0).
@@ -53,6 +56,7 @@ class Pace:
     def __init__(self, software: bool) -> None:
         guess = FIRST_GUESS[software]
         self._seconds = {"draft": guess, "medium": 2.0 * guess, "final": FINAL_TO_DRAFT * guess}
+        self._divisor = 0
 
     def measured(self, level: Level, pixels: int, seconds: float) -> None:
         """Take in how long a whole picture of a level took."""
@@ -67,10 +71,11 @@ class Pace:
         """The level to draw at once."""
         if self.seconds("final", width * height) <= AT_ONCE_SECONDS:
             return final(settings)
-        divisor = next(
-            (d for d in DIVISORS if self.seconds("draft", width * height) / (d * d) <= DRAFT_SECONDS), DIVISORS[-1]
-        )
-        return Level("draft", divisor, draft_settings(settings))
+        whole = self.seconds("draft", width * height)
+        kept = whole / max(self._divisor, 1) ** 2 / DRAFT_SECONDS
+        if not self._divisor or not STEADY[0] <= kept <= STEADY[1]:
+            self._divisor = next((d for d in DIVISORS if whole / (d * d) <= DRAFT_SECONDS), DIVISORS[-1])
+        return Level("draft", self._divisor, draft_settings(settings))
 
     def next(self, reached: LevelName, width: int, height: int, settings: Settings) -> Level | None:
         """The level after one that was reached; None after the last."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import glfw
@@ -27,8 +26,8 @@ from .preferences import Preferences
 from .questions import Questions
 from .recovery import Recovery
 from .status import draw_status
-from .timeline import draw_timeline
 from .theme import apply_theme
+from .timeline import draw_timeline
 from .viewport import draw_viewport
 from .window import ACTIVE_RATE, IDLE_RATE, Start
 
