@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
@@ -70,53 +72,161 @@ def parse_exposure(value: float | str) -> float | str:
     return stops
 
 
-def display(color: np.ndarray, exposure: float | str = 0.0, color_correction: str = "sRGB") -> np.ndarray:
+def display(
+    color: np.ndarray,
+    exposure: float | str = 0.0,
+    color_correction: str = "sRGB",
+    ocio_display: str | None = None,
+    ocio_view: str | None = None,
+) -> np.ndarray:
     """Linear radiance as display values in [0, 1].
 
     Args:
         color: (H, W, 3) linear Rec.709.
         exposure: stops, or "auto".
-        color_correction: "disabled" (values as they are), "sRGB" (the sRGB curve), or "openColorIO" (the default
-            display and view of $OCIO, else of the built-in ACES config).
+        color_correction: "disabled" (values as they are), "sRGB" (the sRGB curve), or "openColorIO" (a view of $OCIO,
+            else of the built-in ACES config).
+        ocio_display, ocio_view: names of a display and a view of it, see `color_views`; None takes the default.
 
     Raises:
-        PrevisError: when the OpenColorIO config cannot be used.
+        PrevisError: when the OpenColorIO config cannot be used, or has no such display or view.
         ValueError: for another exposure or color_correction.
     """
     if color_correction not in COLOR_CORRECTIONS:
         raise ValueError(f"color_correction: {color_correction!r} is not one of {', '.join(COLOR_CORRECTIONS)}")
     stops = parse_exposure(exposure)
     stops = auto_exposure(color) if stops == "auto" else stops
-    linear = np.nan_to_num(np.asarray(color, np.float32) * np.float32(2.0**stops), nan=0.0, posinf=1e6, neginf=0.0)
+    with np.errstate(over="ignore"):
+        linear = np.nan_to_num(np.asarray(color, np.float32) * np.float32(2.0**stops), nan=0.0, posinf=1e6, neginf=0.0)
     if color_correction == "disabled":
         return np.clip(linear, 0.0, 1.0)
     if color_correction == "openColorIO":
-        return _open_color_io(linear)
+        return _open_color_io(linear, *color_views().chosen(ocio_display, ocio_view)).clip(0.0, 1.0)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1.0 / 2.4) - 0.055).clip(
         0, 1
     )
 
 
-def _open_color_io(linear: np.ndarray) -> np.ndarray:
-    name = os.environ.get("OCIO") or "ocio://default"
+@dataclass(frozen=True)
+class ColorViews:
+    """What an OpenColorIO config offers to look through: the views of every display, in the config's order.
+
+    `default_views` has the default view of every display.
+    """
+
+    config: str
+    displays: Mapping[str, tuple[str, ...]]
+    default_display: str
+    default_views: Mapping[str, str]
+
+    @property
+    def default_view(self) -> str:
+        """The default view of the default display."""
+        return self.default_views[self.default_display]
+
+    def chosen(self, display: str | None = None, view: str | None = None) -> tuple[str, str]:
+        """A display and a view of it, the defaults taking the place of None.
+
+        Raises:
+            PrevisError: when the config has no such display, or the display no such view.
+        """
+        display = self.default_display if display is None else display
+        if display not in self.displays:
+            known = ", ".join(self.displays)
+            raise PrevisError(f"OpenColorIO config {self.config}: no display {display!r}; it has {known}")
+        view = self.default_views[display] if view is None else view
+        if view not in self.displays[display]:
+            known = ", ".join(self.displays[display])
+            raise PrevisError(f"OpenColorIO config {self.config}: {display!r} has no view {view!r}; it has {known}")
+        return display, view
+
+
+@dataclass(frozen=True, eq=False)
+class DisplayLut:
+    """A view baked into a lattice.
+
+    `values` (n, n, n, 3) float32 holds display values at [blue, green, red], beyond [0, 1] where the view leaves it:
+    clip after interpolating, which must be tetrahedral. A linear channel x lies at the lattice position
+    (n − 1)·log(1 + √(x / `offset`)) / log(1 + √(`maximum` / `offset`)), and is clipped to [0, `maximum`] before.
+    """
+
+    values: np.ndarray
+    offset: float
+    maximum: float
+
+
+#: Found by measuring: every view of the built-in config is met to 1/255 on colours up to `LUT_MAXIMUM`. ACES 2.0 bends
+#: sharply where it compresses the gamut, so a smaller lattice does not do; the root is for displays whose curve is
+#: steep at black. Only where a saturated colour meets the edge of the display's gamut steeply within one cell, as
+#: pure blue does, its dark channels can be 11/255 off.
+LUT_SIZE, LUT_OFFSET, LUT_MAXIMUM = 85, 0.03, 256.0
+
+
+def config_name() -> str:
+    """The OpenColorIO config in use: $OCIO, else the built-in ACES config."""
+    return os.environ.get("OCIO") or "ocio://default"
+
+
+def color_views() -> ColorViews:
+    """The displays and views of $OCIO, else of the built-in ACES config.
+
+    Raises:
+        PrevisError: when the config cannot be used.
+    """
+    return _color_views(config_name())
+
+
+@functools.lru_cache(maxsize=4)
+def _color_views(name: str) -> ColorViews:
     config = oiio.ColorConfig(name)
     shown = config.getDefaultDisplayName()
     cause = " ".join(config.geterror().split())
     if cause or not shown:
         raise PrevisError(f"OpenColorIO config {name}: {cause or 'it has no display'}")
-    view = config.getDefaultViewName(shown)
+    displays = {d: tuple(config.getViewNames(d)) for d in config.getDisplayNames()}
+    return ColorViews(name, displays, shown, {d: config.getDefaultViewName(d) for d in displays})
+
+
+def bake_lut(ocio_display: str | None = None, ocio_view: str | None = None, size: int = LUT_SIZE) -> DisplayLut:
+    """A view as a lattice of `size`³ colours, kept for the next time; None takes the default display and view.
+
+    Raises:
+        PrevisError: when the OpenColorIO config cannot be used, or has no such display or view.
+    """
+    views = color_views()
+    return _bake_lut(views.config, *views.chosen(ocio_display, ocio_view), size)
+
+
+@functools.lru_cache(maxsize=4)
+def _bake_lut(name: str, shown: str, view: str, size: int) -> DisplayLut:
+    position = np.linspace(0.0, 1.0, size)
+    level = LUT_OFFSET * np.expm1(position * np.log1p(np.sqrt(LUT_MAXIMUM / LUT_OFFSET))) ** 2
+    blue, green, red = np.meshgrid(level, level, level, indexing="ij")
+    colors = np.stack([red, green, blue], axis=-1).astype(np.float32)
+    values = _open_color_io(colors.reshape(size, size * size, 3), shown, view, name).reshape(colors.shape)
+    values.flags.writeable = False
+    return DisplayLut(values, LUT_OFFSET, LUT_MAXIMUM)
+
+
+def _open_color_io(linear: np.ndarray, shown: str, view: str, name: str | None = None) -> np.ndarray:
+    name = name or config_name()
     source = "lin_rec709"
     buffer = oiio.ImageBuf(np.ascontiguousarray(linear, np.float32))
     result = oiio.ImageBufAlgo.ociodisplay(buffer, shown, view, fromspace=source, colorconfig=name)
     if result.has_error:
-        raise PrevisError(f"OpenColorIO config {name}: {result.geterror()}")
-    return result.get_pixels(oiio.FLOAT).clip(0.0, 1.0)
+        raise PrevisError(f"OpenColorIO config {name}: {' '.join(result.geterror().split())}")
+    return result.get_pixels(oiio.FLOAT)
 
 
 def save_image(
-    image: Image, path: str | PathLike[str], exposure: float | str = 0.0, color_correction: str = "sRGB"
+    image: Image,
+    path: str | PathLike[str],
+    exposure: float | str = 0.0,
+    color_correction: str = "sRGB",
+    ocio_display: str | None = None,
+    ocio_view: str | None = None,
 ) -> None:
-    """Write a picture; see `Image.save`."""
+    """Write a picture; see `Image.save`, and `display` for `ocio_display` and `ocio_view`."""
     ending = check_format(path)
     if ending in LINEAR_FORMATS:
         planes = [("R", image.color[..., 0]), ("G", image.color[..., 1]), ("B", image.color[..., 2])]
@@ -135,7 +245,7 @@ def save_image(
         for name, value in dict(image.stats.get("settings", {})).items():
             spec.attribute(f"previs:{name}", value if not isinstance(value, bool) else int(value))
     else:
-        shown = display(image.color, exposure, color_correction)
+        shown = display(image.color, exposure, color_correction, ocio_display, ocio_view)
         # Over black, without alpha: colour is multiplied by coverage already, and readers of PNG would do it again.
         pixels = (shown * 255.0 + 0.5).astype(np.uint8)
         spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)

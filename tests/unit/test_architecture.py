@@ -22,7 +22,7 @@ ALLOWED = {
     "index": {"description"},
     "image": {"io"},
     "io": {"errors", "image"},
-    "render": {"errors", "blackbody", "description", "settings", "index", "image"},
+    "render": {"errors", "blackbody", "description", "settings", "index", "image", "io"},
     "stage": {"errors", "description", "index", "vdb"},
     "scene": {"errors", "description", "index", "vdb", "stage"},
     "api": {"errors", "description", "settings", "index", "image", "io", "render", "scene"},

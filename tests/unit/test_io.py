@@ -9,7 +9,18 @@ import OpenImageIO as oiio
 import pytest
 
 from previs import Image, PrevisError
-from previs.io import auto_exposure, check_format, display, load_color, parse_exposure, save_image, written_beside
+from previs.io import (
+    DisplayLut,
+    auto_exposure,
+    bake_lut,
+    check_format,
+    color_views,
+    display,
+    load_color,
+    parse_exposure,
+    save_image,
+    written_beside,
+)
 
 CONTRACTED = ["R", "G", "B", "A", "Z"]
 
@@ -253,3 +264,95 @@ def test_pictures_that_cannot_be_read_are_named(content, tmp_path):
     with pytest.raises(PrevisError, match=r"a\.png: ") as error:
         load_color(path)
     assert "\n" not in str(error.value)
+
+
+# --- OpenColorIO --------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def built_in(monkeypatch):
+    monkeypatch.delenv("OCIO", raising=False)
+
+
+def interpolated(lut: DisplayLut, colors: np.ndarray) -> np.ndarray:
+    """What the lattice says of colours (N, 3): tetrahedral, written apart from the shader that does it."""
+    last = len(lut.values) - 1
+    level = np.clip(colors.astype(float), 0.0, lut.maximum)
+    position = last * np.log1p(np.sqrt(level / lut.offset)) / np.log1p(np.sqrt(lut.maximum / lut.offset))
+    node = np.minimum(position.astype(int), last - 1)
+    fraction = position - node
+    order = np.argsort(-fraction, axis=1)
+    steps = [np.zeros_like(node)]
+    for k in range(3):
+        step = steps[-1].copy()
+        step[np.arange(len(step)), order[:, k]] = 1
+        steps.append(step)
+    falling = np.take_along_axis(fraction, order, 1)
+    ends = np.concatenate([np.ones((len(node), 1)), falling, np.zeros((len(node), 1))], axis=1)
+    total = np.zeros((len(node), 3))
+    for k, step in enumerate(steps):
+        r, g, b = (node + step).T
+        total += (ends[:, k] - ends[:, k + 1])[:, None] * lut.values[b, g, r]
+    return total.clip(0.0, 1.0)
+
+
+def test_the_built_in_config_says_what_it_offers(built_in):
+    found = color_views()
+    assert found.config == "ocio://default"
+    assert found.default_display in found.displays
+    assert found.default_view in found.displays[found.default_display]
+    assert all(found.default_views[d] in views for d, views in found.displays.items())
+    assert found.chosen() == (found.default_display, found.default_view)
+
+
+def test_a_view_is_picked_by_name(built_in):
+    found, ramp = color_views(), np.linspace(0.0, 2.0, 24, dtype=np.float32).reshape(1, 8, 3)
+    default = display(ramp, 0.0, "openColorIO")
+    named = display(ramp, 0.0, "openColorIO", found.default_display, found.default_view)
+    np.testing.assert_array_equal(default, named)
+    raw = display(ramp, 0.0, "openColorIO", ocio_view="Raw")
+    np.testing.assert_allclose(raw, ramp.clip(0.0, 1.0), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"), [(("tv", None), "no display 'tv'; it has sRGB"), ((None, "nice"), "no view 'nice'; it has ")]
+)
+def test_names_that_the_config_does_not_have(built_in, names, message):
+    for call in (lambda: display(np.zeros((1, 1, 3)), 0.0, "openColorIO", *names), lambda: bake_lut(*names)):
+        with pytest.raises(PrevisError, match=message) as error:
+            call()
+        assert "\n" not in str(error.value)
+
+
+def test_the_view_reaches_the_file(built_in, tmp_path):
+    made = image()
+    save_image(made, tmp_path / "a.png", 0.5, "openColorIO", ocio_view="Raw")
+    stored, _ = load_color(tmp_path / "a.png")
+    np.testing.assert_allclose(stored, (made.color * 2.0**0.5).clip(0.0, 1.0), atol=0.5 / 255 + 1e-5)
+
+
+def test_another_config_takes_the_place_of_the_built_in_one(built_in, monkeypatch, tmp_path):
+    before = color_views()
+    monkeypatch.setenv("OCIO", str(tmp_path / "none.ocio"))
+    with pytest.raises(PrevisError, match=r"none\.ocio"):
+        color_views()
+    monkeypatch.delenv("OCIO")
+    assert color_views() == before
+
+
+@pytest.mark.parametrize(("view", "bound"), [(None, 1.0), ("Un-tone-mapped", 0.5), ("Raw", 0.6)])
+def test_the_lattice_of_a_view(built_in, view, bound):
+    random = np.random.default_rng(3)
+    hue, saturation = random.random((30_000, 3)), random.random((30_000, 1))
+    tint = 1.0 - saturation + saturation * hue / hue.max(axis=1, keepdims=True)
+    colors = (2.0 ** random.uniform(-12.0, 8.0, (30_000, 1)) * tint).astype(np.float32)
+    truth = display(colors[None], 0.0, "openColorIO", ocio_view=view)[0]
+    error = 255.0 * np.abs(interpolated(bake_lut(ocio_view=view), colors) - truth)
+    assert error.max() < bound
+    assert error.mean() < 0.1
+
+
+def test_a_lattice_is_baked_once(built_in):
+    assert bake_lut(size=5) is bake_lut(*color_views().chosen(), size=5)
+    assert bake_lut(size=5).values.shape == (5, 5, 5, 3)
+    assert not bake_lut(size=5).values.flags.writeable
