@@ -18,7 +18,7 @@ class FileWatch:
 
     def __init__(self) -> None:
         self._known: dict[str, _State] = {}
-        self._changed_at: float | None = None
+        self._changed = False
         self._next = 0.0
 
     def watch(self, files: Iterable[str]) -> None:
@@ -36,13 +36,11 @@ class FileWatch:
         self._next = now + INTERVAL
         states = {f: _state(f) for f in self._known}
         if states != self._known:
-            self._known, self._changed_at = states, now
+            self._known, self._changed = states, True
             self._next = now + REST
             return False
-        if self._changed_at is not None and now - self._changed_at >= REST:
-            self._changed_at = None
-            return True
-        return False
+        rested, self._changed = self._changed, False
+        return rested
 
 
 def _state(file: str) -> _State:
