@@ -43,7 +43,7 @@ def grid_columns(
         return nothing
     # As `Field` defines it: the field ends one voxel outside the active box.
     lo, hi = (np.asarray(b, float) + side for b, side in zip(grid.bounds, (-1.0, 1.0), strict=True))
-    entry, exit_ = clip_to_box(origin, direction, lo, hi, t0, t1)
+    entry, exit_ = _clip_to_box(origin, direction, lo, hi, t0, t1)
     if not entry < exit_:
         return nothing
     # From where the ray enters: a camera may be far away, in voxels.
@@ -70,7 +70,7 @@ def grid_columns(
     return start + entry, end + entry, 0.5 * length * total
 
 
-def clip_to_box(
+def _clip_to_box(
     origin: np.ndarray, direction: np.ndarray, lo: np.ndarray, hi: np.ndarray, t0: float, t1: float
 ) -> tuple[float, float]:
     """The part of [t0, t1] in which a ray is inside a box; entry > exit where it misses."""

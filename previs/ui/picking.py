@@ -20,7 +20,7 @@ import numpy as np
 
 from ..description import Box, Camera, Light, Mesh, SceneDescription, Sphere, Volume
 from ..reference.density import HomogeneousBox, HomogeneousCapsule, HomogeneousSphere
-from .grid_rays import clip_to_box, grid_columns
+from .grid_rays import grid_columns
 
 #: How near to a light's place in the picture a click takes it, in pixels.
 LIGHT_RADIUS = 8.0
@@ -156,19 +156,20 @@ def mesh_distance(mesh: Mesh, origin: np.ndarray, direction: np.ndarray, near: f
     # A flat mesh has a box without thickness, which rounding would miss.
     pad = 1e-6 * max(float(np.abs(lo).max()), float(np.abs(hi).max()), 1e-30)
     matrices = np.asarray(mesh.local_to_world, float).reshape(-1, 4, 4)
-    candidates = []
-    for matrix in matrices[np.linalg.det(matrices[:, :3, :3]) != 0.0]:
-        inverse = np.linalg.inv(matrix)
-        # A local direction keeps its length: the ray's parameter is the world distance in every space.
-        local = origin @ inverse[:3, :3] + inverse[3, :3], direction @ inverse[:3, :3]
-        entry, exit_ = clip_to_box(*local, lo - pad, hi + pad, near, far)
-        if entry <= exit_:
-            candidates.append((entry, local))
+    inverse = np.linalg.inv(matrices[np.linalg.det(matrices[:, :3, :3]) != 0.0])
+    # A local direction keeps its length: the ray's parameter is the world distance in every space.
+    origins, directions = origin @ inverse[:, :3, :3] + inverse[:, 3, :3], direction @ inverse[:, :3, :3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = (np.stack([lo - pad, hi + pad])[:, None] - origins) / directions
+    # Along an axis that the ray does not move on, it is within the box everywhere or (NaN: on its face) nowhere.
+    entry = np.maximum(np.fmin(*sides).max(axis=1), near)
+    exit_ = np.minimum(np.fmax(*sides).min(axis=1), far)
+    met = np.flatnonzero(entry <= exit_)
     best = None
-    for entry, (local_origin, local_direction) in sorted(candidates, key=lambda c: c[0]):
-        if best is not None and entry > best:
+    for i in met[np.argsort(entry[met])]:
+        if best is not None and entry[i] > best:
             break
-        t = _first_triangle(mesh, local_origin, local_direction, near, far)
+        t = _first_triangle(mesh, origins[i], directions[i], near, far)
         if t is not None and (best is None or t < best):
             best = t
     return best
@@ -186,12 +187,13 @@ def _first_triangle(mesh: Mesh, origin: np.ndarray, direction: np.ndarray, near:
     # direction. That takes a byte per vertex and leaves few triangles for arithmetic.
     place = origin @ axes
     slack = 1e-5 * max(float(np.abs(mesh.geometry.bounds).max()), float(np.abs(place).max()))
-    flat = points @ axes.astype(np.float32)
     sides = np.zeros(len(points), np.uint8)
-    for axis in range(2):
-        sides |= (flat[:, axis] > place[axis] + slack).view(np.uint8) << np.uint8(2 * axis)
-        sides |= (flat[:, axis] < place[axis] - slack).view(np.uint8) << np.uint8(2 * axis + 1)
-    of_corners = sides[triangles]
+    for i, (x, y, z) in enumerate(axes.T.astype(np.float32)):
+        # Not a matrix product: those are spread over threads, which stall for long when the processor is busy.
+        across = points[:, 0] * x + points[:, 1] * y + points[:, 2] * z
+        sides |= (across > place[i] + slack).view(np.uint8) << np.uint8(2 * i)
+        sides |= (across < place[i] - slack).view(np.uint8) << np.uint8(2 * i + 1)
+    of_corners = np.take(sides, triangles)
     rows = np.flatnonzero((of_corners[:, 0] & of_corners[:, 1] & of_corners[:, 2]) == 0)
     if len(rows) == 0:
         return None
