@@ -4,6 +4,9 @@
 volume's voxels, and what is checked before, has a module of its own, without a state.
 """
 
+from .light import LightValues
+from .outline import OutlineItem
 from .scene import Scene
+from .timing import TimeRange
 
-__all__ = ["Scene"]
+__all__ = ["LightValues", "OutlineItem", "Scene", "TimeRange"]

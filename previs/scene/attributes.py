@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom
-
-
-def unset(attribute: Usd.Attribute | None) -> None:
-    """Make an attribute valueless, in this layer or, where a weaker one has a value, by blocking it."""
-    if attribute is not None:
-        attribute.Clear()
-        if attribute.HasAuthoredValue():
-            attribute.Block()
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 
 def set_value(attribute: Usd.Attribute, value: Any, time: float | None) -> None:
@@ -24,14 +17,22 @@ def set_value(attribute: Usd.Attribute, value: Any, time: float | None) -> None:
             attribute.Clear()
         attribute.Set(value)
         return
-    # Samples of one layer hide those of weaker ones altogether, so the others come along.
-    samples = {t: attribute.Get(t) for t in attribute.GetTimeSamples()}
-    if not samples:
+    times = attribute.GetTimeSamples()
+    if not times:
         attribute.Set(value)
         return
-    samples[float(time)] = value
-    for sample_time, sample in samples.items():
-        attribute.Set(sample, sample_time)
+    target = attribute.GetStage().GetEditTarget()
+    if not target.GetLayer().GetNumTimeSamplesForPath(target.MapToSpecPath(attribute.GetPath())):
+        # Samples of one layer hide those of weaker ones altogether, so the others come along.
+        set_samples(attribute, {t: attribute.Get(t) for t in times})
+    attribute.Set(value, float(time))
+
+
+def set_samples(attribute: Usd.Attribute, samples: Mapping[float, Any]) -> None:
+    """Set the whole animation of an attribute."""
+    attribute.Clear()
+    for time, value in samples.items():
+        attribute.Set(value, time)
 
 
 def place(prim: UsdGeom.Xformable, matrix: np.ndarray) -> None:
@@ -40,3 +41,26 @@ def place(prim: UsdGeom.Xformable, matrix: np.ndarray) -> None:
     if identity and not UsdGeom.Xformable(prim).GetOrderedXformOps():
         return
     UsdGeom.Xformable(prim).MakeMatrixXform().Set(Gf.Matrix4d(np.asarray(matrix, float).tolist()))
+
+
+def remove_property(layer: Sdf.Layer, path: Sdf.Path) -> None:
+    """Remove what a layer says of a property."""
+    spec = layer.GetPropertyAtPath(path)
+    if spec is not None:
+        spec.owner.RemoveProperty(spec)
+
+
+def remove_schema(layer: Sdf.Layer, path: Sdf.Path, schema: str) -> None:
+    """Remove what a layer says of one applied schema of a prim."""
+    spec = layer.GetPrimAtPath(path)
+    applied = spec.GetInfo("apiSchemas") if spec is not None and spec.HasInfo("apiSchemas") else None
+    if applied is None:
+        return
+    for items in ("prependedItems", "appendedItems", "addedItems", "explicitItems", "deletedItems"):
+        kept = [name for name in getattr(applied, items) if name != schema]
+        if len(kept) < len(getattr(applied, items)):
+            setattr(applied, items, kept)
+    if applied.GetAppliedItems() or applied.deletedItems:
+        spec.SetInfo("apiSchemas", applied)
+    else:
+        spec.ClearInfo("apiSchemas")

@@ -68,7 +68,7 @@ class SceneBuilder:
         volume = UsdVol.Volume.Define(self.stage, self._new_path(path))
         self._voxel_files.author(volume, arrays, matrix)
         if values:
-            author_medium(volume.GetPrim(), values, None)
+            author_medium(volume.GetPrim(), values, None, keep=False)
         return str(volume.GetPath())
 
     def add_box_medium(
@@ -92,7 +92,7 @@ class SceneBuilder:
         cube.CreateSizeAttr(1.0)
         cube.CreateExtentAttr([(-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)])
         place(cube, matrix @ checked_transform(transform))
-        author_medium(cube.GetPrim(), values, None)
+        author_medium(cube.GetPrim(), values, None, keep=False)
         return str(cube.GetPath())
 
     def add_sphere_medium(
@@ -117,7 +117,7 @@ class SceneBuilder:
         sphere.CreateRadiusAttr(size)
         sphere.CreateExtentAttr([(-size,) * 3, (size,) * 3])
         place(sphere, matrix @ checked_transform(transform))
-        author_medium(sphere.GetPrim(), values, None)
+        author_medium(sphere.GetPrim(), values, None, keep=False)
         return str(sphere.GetPath())
 
     # --- meshes -----------------------------------------------------------------------------------------------

@@ -12,31 +12,43 @@ file or prim `PrevisError`, both with one sentence.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
-import numpy as np
 from numpy.typing import ArrayLike
-from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdUtils, UsdVol
+from pxr import Usd, UsdGeom, UsdUtils, UsdVol
 
 from ..description import Camera, Medium, SceneDescription
 from ..errors import PrevisError
 from ..stage import StageReader, default_camera, find_camera, open_stage
-from ..stage.context import Translation
 from ..stage.diagnostics import quiet_diagnostics
 from ..stage.field import GridCache, read_field
-from ..stage.material import bound_material, is_volume_only, read_medium
+from ..stage.light import is_light
 from ..stage.opening import FilePath
 from ..stage.values import time_code
-from .arguments import Vector, checked_vector, looking
-from .attributes import place, set_value
+from .arguments import Vector
 from .building import SceneBuilder
-from .light import author_light
-from .medium import author_medium, medium_values
+from .light import (
+    LightValues,
+    author_light,
+    default_light_values,
+    light_is_animated,
+    light_values,
+    place_light,
+    require_light,
+    reset_light,
+)
+from .medium import author_medium, medium_at, medium_is_animated, medium_values, reset_medium
+from .outline import OutlineItem, outline, set_visible
+from .overrides import Edits
+from .prims import editable_prim, existing_prim, find_prim, plain_path, require_volume
 from .saving import export
+from .timing import TimeRange, time_range
 from .voxels import VoxelFiles, field_arrays, index_transform
+
+T = TypeVar("T")
 
 
 class Scene(SceneBuilder):
@@ -88,6 +100,9 @@ class Scene(SceneBuilder):
         self._reader = reader
         self._opened = opened
         self._voxel_files = VoxelFiles()
+        self._edits = Edits(stage, opened)
+        self._known: dict[str, Any] = {}
+        self._known_structure = -1
 
     @property
     def stage(self) -> Usd.Stage:
@@ -122,10 +137,60 @@ class Scene(SceneBuilder):
 
     def medium(self, path: str, time: float | None = None) -> Medium:
         """The medium of a volume, as it is read from its material. Raises `PrevisError` for a path without volume."""
-        prim = self._volume_prim(path)
-        out = Translation(prim.GetPath())
+        prim = require_volume(existing_prim(self.stage, path, "volume"))
         with quiet_diagnostics():
-            return read_medium(prim, bound_material(prim, out), time_code(time), out)
+            return medium_at(prim, time)
+
+    def authored_medium(self, path: str, time: float | None = None) -> Medium:
+        """The medium of a volume without the edits; PrevisVolume's defaults where they made the volume.
+
+        Raises `PrevisError` for a path without volume.
+        """
+        require_volume(existing_prim(self.stage, path, "volume"))
+        prim = find_prim(self._edits.stage_without, path)
+        with quiet_diagnostics():
+            return medium_at(prim, time) if prim is not None else Medium()
+
+    def light_values(self, path: str, time: float | None = None) -> LightValues:
+        """The numbers that are authored on a light. Raises `PrevisError` for a path without light."""
+        return light_values(require_light(existing_prim(self.stage, path, "light")), time)
+
+    def authored_light(self, path: str, time: float | None = None) -> LightValues:
+        """The numbers that are authored on a light without the edits; schema defaults where they made the light.
+
+        Raises `PrevisError` for a path without light.
+        """
+        present = require_light(existing_prim(self.stage, path, "light"))
+        prim = find_prim(self._edits.stage_without, path)
+        if prim is None or not is_light(prim):
+            return default_light_values(present.GetTypeName())
+        return light_values(prim, time)
+
+    def is_animated(self, path: str, name: str) -> bool:
+        """Whether a value of a medium or a light changes over time, by its name in `set_medium` or `set_light`.
+
+        An edit of such a value at a `time` keeps the rest of the animation; one without hides it. Raises
+        `PrevisError` for a path with neither, ValueError for an unknown name.
+        """
+        prim = existing_prim(self.stage, path, "volume or light")
+        if is_light(prim):
+            return light_is_animated(prim, name)
+        return medium_is_animated(require_volume(prim), name)
+
+    @property
+    def time_range(self) -> TimeRange | None:
+        """The time codes that the stage covers, None when nothing in it is animated."""
+        return self._remembered("time range", lambda: time_range(self.stage))
+
+    def outline(self, time: float | None = None) -> tuple[OutlineItem, ...]:
+        """The volumes, lights, meshes and cameras in the order of the stage, also those that are invisible."""
+        key = f"outline at {time_code(time)}"
+        return self._remembered(key, lambda: outline(self.stage, self._reader.purposes, time))
+
+    def prim_path(self, path: str) -> str:
+        """The path in the outline of what a record of a description, such as an instance, was made from."""
+        prim = find_prim(self.stage, path)
+        return str(prim.GetPath()) if prim is not None else plain_path(path)
 
     def set_voxels(
         self,
@@ -144,7 +209,7 @@ class Scene(SceneBuilder):
         wrong shape or type, `PrevisError` for a path without Volume, or whose present field cannot be read.
         """
         arrays = field_arrays(density, temperature, emission)
-        prim = self._volume_prim(path)
+        prim = require_volume(editable_prim(self.stage, path, "volume"))
         if not prim.IsA(UsdVol.Volume):
             raise PrevisError(f"{path}: is a homogeneous shape, which has no voxels")
         volume = UsdVol.Volume(prim)
@@ -176,7 +241,7 @@ class Scene(SceneBuilder):
         """
         checked = medium_values(values)
         if checked:
-            author_medium(self._volume_prim(path), checked, time)
+            author_medium(require_volume(editable_prim(self.stage, path, "volume")), checked, time)
 
     def set_light(self, path: str, *, time: float | None = None, **values: Any) -> None:
         """Change a light.
@@ -188,35 +253,88 @@ class Scene(SceneBuilder):
         and visible are set for all times. Raises ValueError for an unknown name or a bad value, `PrevisError` for a
         path without light.
         """
-        prim = self._editable_prim(path, "light")
-        if not prim.HasAPI(UsdLux.LightAPI):
+        prim = editable_prim(self.stage, path, "light")
+        if not is_light(prim):
             raise PrevisError(f"{path}: is not a light")
         position, direction = values.pop("position", None), values.pop("direction", None)
         visible = values.pop("visible", None)
         author_light(prim, values, time)
         if visible is not None:
-            attribute = UsdGeom.Imageable(prim).CreateVisibilityAttr()
-            set_value(attribute, UsdGeom.Tokens.inherited if visible else UsdGeom.Tokens.invisible, None)
+            self.set_visible(path, bool(visible))
         if position is not None or direction is not None:
-            world = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(time_code(None)), float)
-            if direction is not None:
-                world = looking(world[3, :3], direction)
-            if position is not None:
-                world[3, :3] = checked_vector("position", position)
-            parent = np.array(UsdGeom.Xformable(prim).ComputeParentToWorldTransform(time_code(None)), float)
-            place(UsdGeom.Xformable(prim), world @ np.linalg.inv(parent))
+            place_light(prim, position, direction)
+
+    def set_visible(self, path: str, visible: bool) -> None:
+        """Show or hide a prim and what is below it, for all times.
+
+        Raises `PrevisError` for a prim that stays hidden, since one above it is invisible, which it names.
+        """
+        prim = editable_prim(self.stage, path, "prim")
+        authored = find_prim(self._edits.stage_without, path) if self._opened else None
+        set_visible(prim, authored, self._edits.layer, visible)
+        self._edits.prune()
+
+    def reset_medium(self, path: str, *names: str) -> None:
+        """Take the edits of these values of a medium back, of all where none is named.
+
+        The names are those of `set_medium`. Of extinction and albedo, or scattering and absorption, what is not
+        named stays as it is. Raises ValueError for an unknown name or a scene that was not opened from a file,
+        `PrevisError` for a path without volume.
+        """
+        self._require_opened()
+        prim = require_volume(editable_prim(self.stage, path, "volume"))
+        reset_medium(self._edits.layer, prim, self._authored_prim(path), names)
+        self._edits.prune()
+
+    def reset_light(self, path: str, *names: str) -> None:
+        """Take the edits of these values of a light back, of all where none is named.
+
+        The names are those of `set_light`. Raises ValueError for an unknown name or a scene that was not opened from
+        a file, `PrevisError` for a path without light.
+        """
+        self._require_opened()
+        prim = require_light(editable_prim(self.stage, path, "light"))
+        reset_light(self._edits.layer, prim, self._authored_prim(path), names)
+        self._edits.prune()
 
     def remove(self, path: str) -> None:
         """Take a prim and what is below it out of the scene; one that a file holds is deactivated instead of deleted.
 
         Raises `PrevisError` when there is no such prim, or when it belongs to a native instance.
         """
-        prim = self._editable_prim(path, "prim")
+        prim = editable_prim(self.stage, path, "prim")
         layer = self.stage.GetEditTarget().GetLayer()
         if any(spec.layer != layer for spec in prim.GetPrimStack()):
             prim.SetActive(False)
         else:
             self.stage.RemovePrim(prim.GetPath())
+
+    def snapshot(self) -> str:
+        """All edits as text, for `restore`: what the session layer of an opened scene holds itself, else the scene.
+
+        A session layer that the scene was opened with, and variants chosen then, are no edits.
+        """
+        _ = self.stage
+        self._voxel_files.keep()
+        return self._edits.snapshot()
+
+    def restore(self, snapshot: str) -> None:
+        """Put the edits of a `snapshot` in the place of the present ones; only what differs is read again.
+
+        Raises `PrevisError` when the text is no snapshot.
+        """
+        _ = self.stage
+        self._edits.restore(snapshot)
+
+    @property
+    def has_overrides(self) -> bool:
+        """Whether an opened scene has edits."""
+        return self._opened and not self._edits.empty
+
+    def discard_overrides(self) -> None:
+        """Take all edits back. Raises ValueError for a scene that was not opened from a file."""
+        self._require_opened()
+        self._edits.discard()
 
     def save(self, path: FilePath) -> None:
         """Write the scene to a .usda, .usd or .usdc file, its voxels to .vdb files beside it (zip-compressed).
@@ -238,8 +356,7 @@ class Scene(SceneBuilder):
         Voxels added since go to .vdb files beside it. Raises ValueError for a scene that was not opened from a file
         (use `save`), and what `save` raises.
         """
-        if not self._opened:
-            raise ValueError("the scene was not opened from a file: save() writes all of it")
+        self._require_opened("save() writes all of it")
         with quiet_diagnostics():
             # The file may be the very session layer that the stage was opened with: its content and the edits become
             # one layer.
@@ -250,6 +367,7 @@ class Scene(SceneBuilder):
         """Release the stage and remove the temporary voxel files. Closing twice does nothing."""
         if self._stage is not None:
             self._reader.close()
+            self._edits.close()
             self._stage = None
         self._voxel_files.close()
 
@@ -261,21 +379,21 @@ class Scene(SceneBuilder):
     ) -> None:
         self.close()
 
-    def _editable_prim(self, path: str, what: str) -> Usd.Prim:
-        """The prim at a path; that of a record of an instance is its prototype's."""
-        plain = str(path).split("[", 1)[0]
-        valid = Sdf.Path.IsValidPathString(plain) and Sdf.Path(plain).IsAbsolutePath()
-        prim = self.stage.GetPrimAtPath(plain) if valid else None
-        if not prim:
-            raise PrevisError(f"{path}: no such {what} in the scene")
-        if prim.IsInstanceProxy():
-            raise PrevisError(f"{path}: belongs to a native instance, which cannot be edited on its own")
-        return prim
+    def _require_opened(self, instead: str = "there is nothing below its values") -> None:
+        _ = self.stage
+        if not self._opened:
+            raise ValueError(f"the scene was not opened from a file: {instead}")
 
-    def _volume_prim(self, path: str) -> Usd.Prim:
-        prim = self._editable_prim(path, "volume")
-        if not prim.IsA(UsdVol.Volume):
-            material = bound_material(prim, Translation(prim.GetPath()))
-            if material is None or not is_volume_only(material):
-                raise PrevisError(f"{path}: is neither a Volume nor a shape with a medium")
-        return prim
+    def _authored_prim(self, path: str) -> Usd.Prim | None:
+        return find_prim(self._edits.stage_without, path)
+
+    def _remembered(self, key: str, compute: Callable[[], T]) -> T:
+        """A value that only another structure of the stage changes."""
+        structure = self._reader.structure
+        _ = self.stage
+        if self._known_structure != structure:
+            self._known.clear()
+            self._known_structure = structure
+        if key not in self._known:
+            self._known[key] = compute()
+        return self._known[key]

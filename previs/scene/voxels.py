@@ -21,6 +21,7 @@ class VoxelFiles:
     def __init__(self) -> None:
         self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._count = 0
+        self._kept: set[str] = set()
 
     def author(self, volume: UsdVol.Volume, arrays: Mapping[str, np.ndarray], matrix: np.ndarray) -> None:
         """Write the arrays to a file and point the volume's fields to it."""
@@ -38,7 +39,7 @@ class VoxelFiles:
                 set_value(asset.GetFieldIndexAttr(), 0, None)
             asset.CreateFieldDataTypeAttr("float")
             asset.CreateFieldClassAttr("fogVolume")
-            if before is not None and self.owns(before.path) and not _refers_to(volume, before.path):
+            if before is not None and self._may_go(before.path) and not _refers_to(volume, before.path):
                 os.remove(before.path)
         corners = grid_extent(arrays["density"].shape, matrix)
         volume.CreateExtentAttr(Vt.Vec3fArray([Gf.Vec3f(*map(float, c)) for c in corners]))
@@ -48,6 +49,14 @@ class VoxelFiles:
         if self._folder is None or not os.path.isfile(file):
             return False
         return os.path.dirname(os.path.realpath(file)) == os.path.realpath(self._folder.name)
+
+    def keep(self) -> None:
+        """Keep the files there are until `close`, even when no field refers to them any more: undo may want them."""
+        if self._folder is not None:
+            self._kept.update(os.listdir(self._folder.name))
+
+    def _may_go(self, file: str) -> bool:
+        return self.owns(file) and os.path.basename(file) not in self._kept
 
     def close(self) -> None:
         """Remove the files."""

@@ -13,6 +13,9 @@ _HARMLESS_STAGE_FIELDS = frozenset(
     "endTimeCode startFrame endFrame subLayers subLayerOffsets owner sessionOwner".split()
 )
 
+#: Properties that decide what a prim is to a renderer, or whether it is shown.
+_STRUCTURAL = ("visibility", "purpose", "material:binding", "outputs:", "collection:")
+
 
 @dataclass
 class Changes:
@@ -32,10 +35,14 @@ class Changes:
 
 
 class ChangeTracker:
-    """Gathers the change notices of one stage until they are taken."""
+    """Gathers the change notices of one stage until they are taken.
+
+    `structure` moves when prims come, go or may have become something else, or are shown or hidden; not with values.
+    """
 
     def __init__(self, stage: Usd.Stage) -> None:
         self._changes = Changes()
+        self.structure = 0
         # The callback must not keep the tracker alive, and the key keeps the registration alive.
         tracker = weakref.ref(self)
 
@@ -68,6 +75,7 @@ class ChangeTracker:
                 self._property(path)
             else:
                 self._changes.resynced.add(path)
+                self.structure += 1
         for path in notice.GetResolvedAssetPathsResyncedPaths():
             if path.IsPropertyPath():
                 self._property(path)
@@ -76,6 +84,7 @@ class ChangeTracker:
             if path.IsPropertyPath():
                 self._property(path)
             elif path == Sdf.Path.absoluteRootPath:
+                self.structure += 1
                 self._changes.up_axis |= "upAxis" in fields
                 self._changes.everything |= not _HARMLESS_STAGE_FIELDS.issuperset(fields)
             elif fields:
@@ -84,6 +93,7 @@ class ChangeTracker:
 
     def _property(self, path: Sdf.Path) -> None:
         name = path.name
+        self.structure += name.startswith(_STRUCTURAL)
         self._changes.properties.setdefault(path.GetPrimPath(), set()).add(name)
         # A collection may bind materials or link lights anywhere.
         self._changes.everything |= name.startswith("collection:") or ":collection:" in name

@@ -51,9 +51,14 @@ def is_light(prim: Usd.Prim) -> bool:
     return prim.HasAPI(UsdLux.LightAPI) or prim.GetTypeName() in ("PluginLight", "PortalLight")
 
 
+def light_kind(prim: Usd.Prim) -> LightKind | None:
+    """The kind of a light, None for one that is not modelled."""
+    return _KINDS.get(prim.GetTypeName())
+
+
 def read_light(prim: Usd.Prim, placement: Placement, context: Context, out: Translation) -> None:
     """Translate a light prim; kinds that are not modelled are reported."""
-    kind = _KINDS.get(prim.GetTypeName())
+    kind = light_kind(prim)
     if kind is None:
         out.note("ignored", prim, f"{_unsupported_label(prim)} lights are not modelled")
         return

@@ -24,7 +24,7 @@ def open_stage(
 
     `session_layer` is a layer file composed over the stage. Edits never change that file: they go to an anonymous
     layer above it. `mask` limits the stage to these prim paths, and to what they bind or connect to. `variants` maps
-    prim paths to {variant set: variant}; the choice is authored on the session layer.
+    prim paths to {variant set: variant}; the choice is authored on a layer below the session layer.
 
     Raises `PrevisError`, one line that names the file or prim, when the file is missing, is no stage or is damaged, or
     when a mask path, prim or variant does not exist.
@@ -49,8 +49,13 @@ def open_stage(
         for masked in paths:
             if not stage.GetPrimAtPath(masked):
                 raise PrevisError(f"{name}: no prim at {masked}, which the mask asks for")
-        for prim_path, selections in (variants or {}).items():
-            _select_variants(stage, name, prim_path, selections)
+        if variants:
+            # On a layer of their own, above the user's and below the edits: a choice made here is no edit.
+            choices = Sdf.Layer.CreateAnonymous("variants.usda")
+            session.subLayerPaths.insert(0, choices.identifier)
+            with Usd.EditContext(stage, choices):
+                for prim_path, selections in variants.items():
+                    _select_variants(stage, name, prim_path, selections)
     return stage
 
 
@@ -83,11 +88,10 @@ def _select_variants(stage: Usd.Stage, name: str, prim_path: str, selections: Ma
     prim = stage.GetPrimAtPath(prim_path) if Sdf.Path.IsValidPathString(prim_path) else None
     if not prim:
         raise PrevisError(f"{name}: no prim at {prim_path} to choose a variant of")
-    with Usd.EditContext(stage, stage.GetSessionLayer()):
-        for set_name, variant in selections.items():
-            variant_set = prim.GetVariantSets().GetVariantSet(set_name)
-            names = variant_set.GetVariantNames() if prim.GetVariantSets().HasVariantSet(set_name) else []
-            if variant not in names:
-                known = ", ".join(names) or "none"
-                raise PrevisError(f"{prim_path}: no variant {set_name}={variant} (there are: {known})")
-            variant_set.SetVariantSelection(variant)
+    for set_name, variant in selections.items():
+        variant_set = prim.GetVariantSets().GetVariantSet(set_name)
+        names = variant_set.GetVariantNames() if prim.GetVariantSets().HasVariantSet(set_name) else []
+        if variant not in names:
+            known = ", ".join(names) or "none"
+            raise PrevisError(f"{prim_path}: no variant {set_name}={variant} (there are: {known})")
+        variant_set.SetVariantSelection(variant)

@@ -78,6 +78,16 @@ class StageReader:
         """Whether the stage changed since it was last read."""
         return self._tracker.pending
 
+    @property
+    def structure(self) -> int:
+        """A number that moves when prims come, go, are shown or hidden or may have become something else."""
+        return self._tracker.structure
+
+    @property
+    def purposes(self) -> frozenset[str]:
+        """The purposes shown."""
+        return self._purposes
+
     def close(self) -> None:
         """Stop listening to the stage and drop everything read."""
         self._tracker.close()

@@ -1,0 +1,33 @@
+"""The time that a stage covers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pxr import Usd
+
+
+@dataclass(frozen=True)
+class TimeRange:
+    """The first and last time code of a stage, and how many time codes make a second."""
+
+    start: float
+    end: float
+    frames_per_second: float
+
+
+def time_range(stage: Usd.Stage) -> TimeRange | None:
+    """The authored range, else that of the time samples; None for a stage that nothing animates."""
+    start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    authored = stage.HasAuthoredTimeCodeRange() and end > start
+    first, last = float("inf"), float("-inf")
+    for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)):
+        for attribute in prim.GetAuthoredAttributes():
+            if not attribute.ValueMightBeTimeVarying():
+                continue
+            if authored:
+                return TimeRange(start, end, stage.GetTimeCodesPerSecond())
+            samples = attribute.GetTimeSamples()
+            if samples:
+                first, last = min(first, samples[0]), max(last, samples[-1])
+    return TimeRange(first, last, stage.GetTimeCodesPerSecond()) if last > first else None
