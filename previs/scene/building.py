@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdVol, Vt
 
-from ..description import Color
+from ..description import Camera, Color
 from ..stage.polygons import smooth_normals, triangulate
 from .arguments import (
     Vector,
@@ -319,6 +319,23 @@ class SceneBuilder:
         camera.CreateClippingRangeAttr(Gf.Vec2f(near, far))
         place(camera, matrix)
         return str(camera.GetPath())
+
+    def copy_camera(self, path: str, camera: Camera) -> str:
+        """Add a camera that sees just what a `Camera` record does; returns its prim path.
+
+        Raises ValueError for a path that is taken or no prim path.
+        """
+        prim = UsdGeom.Camera.Define(self.stage, self._new_path(path))
+        prim.CreateProjectionAttr(getattr(UsdGeom.Tokens, camera.projection))
+        prim.CreateFocalLengthAttr(camera.focal_length)
+        prim.CreateHorizontalApertureAttr(camera.horizontal_aperture)
+        prim.CreateVerticalApertureAttr(camera.vertical_aperture)
+        prim.CreateHorizontalApertureOffsetAttr(camera.horizontal_aperture_offset)
+        prim.CreateVerticalApertureOffsetAttr(camera.vertical_aperture_offset)
+        prim.CreateClippingRangeAttr(Gf.Vec2f(*camera.clipping_range))
+        parent = np.array(UsdGeom.Xformable(prim).ComputeParentToWorldTransform(Usd.TimeCode.EarliestTime()), float)
+        place(prim, np.asarray(camera.camera_to_world, float) @ np.linalg.inv(parent))
+        return str(prim.GetPath())
 
     def _new_path(self, path: str) -> Sdf.Path:
         """A legal prim path that is still free; ``smoke`` means ``/smoke``."""

@@ -160,7 +160,9 @@ class App:
             self.view.frames_per_second = document.time_range.frames_per_second
         camera = choose_camera(document.scene, document.description, None, document.time_code)
         self.view.camera_path = camera.path if camera.path in document.description.cameras else ""
-        self.orbit = OrbitCamera.from_camera(camera, document.description.world_bounds())
+        self.orbit = OrbitCamera.from_camera(
+            camera, document.description.world_bounds(), document.description.up_axis
+        )
         selection = next(iter(document.description.volumes), "")
         self.view.selection = selection
         self.preferences.add_recent(document.path)
@@ -249,7 +251,9 @@ class App:
         authored = document.description.cameras.get(self.view.camera_path)
         if authored is not None:
             camera, _ = fitted(authored, self.size[0] / self.size[1])
-            self.orbit = OrbitCamera.from_camera(camera, document.description.world_bounds())
+            self.orbit = OrbitCamera.from_camera(
+            camera, document.description.world_bounds(), document.description.up_axis
+        )
         self.view.camera_path = ""
         return self.orbit
 
@@ -274,7 +278,7 @@ class App:
         camera = self.camera()
         if self.document is None or camera is None:
             return
-        found = pick(self._visible(self.document.description), camera, self.size, u, v)
+        found = pick(self._visible(self.document.description), camera, u, v, self.size)
         if not self.view.inspecting:
             self.select(found.path if found is not None else "")
             return
@@ -293,7 +297,7 @@ class App:
         names = {Path(p).name for p in self.document.description.cameras}
         number = next(n for n in range(1, 10000) if f"view{n}" not in names)
         path = f"/previs_cameras/view{number}"
-        if self.edit(f"Add camera view{number}", lambda scene: scene.add_camera_record(path, camera)):
+        if self.edit(f"Add camera view{number}", lambda scene: scene.copy_camera(path, camera)):
             self.look_through(path)
             self.notify(f"Added {path}; it is saved with the overrides")
 
@@ -402,7 +406,9 @@ class App:
         other = self.other.texture if self.other is not None else None
         view = self.view
         mode = view.compare if other is not None else "off"
-        transform = DisplayTransform(view.exposure, view.color_correction, view.ocio_display, view.ocio_view)
+        transform = DisplayTransform(
+            view.exposure, view.color_correction, view.ocio_display or None, view.ocio_view or None
+        )
         compare = Compare(mode, view.divider)
         serials = (self.picture.serial, self.other.serial if self.other is not None else 0, id(texture), id(other))
         state = (serials, self.size, transform, compare)
@@ -514,8 +520,8 @@ class App:
                 path,
                 self.view.exposure,
                 self.view.color_correction,
-                ocio_display=self.view.ocio_display,
-                ocio_view=self.view.ocio_view,
+                ocio_display=self.view.ocio_display or None,
+                ocio_view=self.view.ocio_view or None,
             )
         except (PrevisError, ValueError) as error:
             self.notify(str(error), "error")

@@ -6,6 +6,7 @@ import numpy as np
 from imgui_bundle import ImVec2, hello_imgui, icons_fontawesome_4, imgui
 
 from ..description import Camera
+from ..render.display import Compare, error_colormap, error_scale
 from .app import App
 from .picking import project
 
@@ -207,10 +208,8 @@ def _draw_compare(app: App, canvas: _Canvas) -> None:
 
 
 def _draw_error_scale(canvas: _Canvas, title: str) -> None:
-    from ..render.display import error_colormap, error_scale
-
     em = hello_imgui.em_size()
-    table, marks = error_colormap(), error_scale()
+    table, marks = error_colormap()[::4], error_scale(Compare().error_range)
     width, height = min(16.0 * em, 0.6 * canvas.width), 0.8 * em
     left, top = canvas.x + em, canvas.y + canvas.height - 3.2 * em
     for i, (r, g, b) in enumerate(table):

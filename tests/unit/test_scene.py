@@ -8,7 +8,7 @@ import pytest
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 from stages import PREVIS_VOLUME, usda, write_field
 
-from previs.description import Medium, mesh_world_bounds, volume_world_bounds
+from previs.description import Camera, Medium, mesh_world_bounds, volume_world_bounds
 from previs.errors import PrevisError
 from previs.scene import Scene
 
@@ -586,3 +586,17 @@ def test_everything_authored_is_plain_usd(scene, tmp_path):
     stage = Usd.Stage.Open(layer)
     assert stage.GetPrimAtPath("/fx").GetTypeName() == "Xform"
     assert stage.GetPrimAtPath("/fx/smoke").GetTypeName() == "Volume"
+
+
+@pytest.mark.parametrize("projection", ("perspective", "orthographic"))
+def test_a_copied_camera_sees_the_same(scene, projection):
+    turned = np.eye(4)
+    turned[:3, :3] = [[0.6, 0.0, -0.8], [0.48, 0.8, 0.36], [0.64, -0.6, 0.48]]
+    turned[3, :3] = (3.0, -2.0, 7.5)
+    camera = Camera("", turned, projection, 35.0, 40.0, 17.0, 1.5, -0.5, (0.25, 900.0))
+    assert scene.copy_camera("/cams/copy", camera) == "/cams/copy"
+    copied = scene.camera("copy")
+    np.testing.assert_allclose(copied.camera_to_world, camera.camera_to_world, atol=1e-12)
+    assert copied.projection == projection
+    np.testing.assert_allclose(copied.window(), camera.window(), rtol=1e-6)
+    assert copied.clipping_range == camera.clipping_range
