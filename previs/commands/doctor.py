@@ -16,7 +16,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print what was found; 0 when a picture can be rendered, 1 when not."""
     print(f"Python {platform.python_version()} on {platform.platform()}")
-    for package in ("usd-core", "moderngl", "glcontext", "numpy", "openimageio", "blosc", "flip-evaluator"):
+    for package in (
+        "usd-core",
+        "moderngl",
+        "glcontext",
+        "numpy",
+        "openimageio",
+        "blosc",
+        "flip-evaluator",
+        "glfw",
+        "imgui-bundle",
+    ):
         try:
             version = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
@@ -46,5 +56,19 @@ def run(arguments: argparse.Namespace) -> int:
     ):
         print(f"  {info[name]:>8}  {unit}")
     context.release()
+    print(_window())
     print("ready to render", file=sys.stdout)
     return 0
+
+
+def _window() -> str:
+    """Whether `previs view` can open its window; rendering needs none."""
+    from ..errors import PrevisError
+    from ..ui.window import check_display, load_library
+
+    try:
+        check_display()
+        load_library()
+    except PrevisError as error:
+        return f"window: no.\n  {error}"
+    return "window: yes, previs view can open one"

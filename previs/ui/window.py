@@ -40,22 +40,36 @@ def check_display() -> None:
         raise PrevisError("no display: neither DISPLAY nor WAYLAND_DISPLAY is set; `previs record` renders without one")
 
 
+def load_library() -> None:
+    """Import the window's library, which needs system libraries that a machine without a desktop may not have.
+
+    Raises:
+        PrevisError: with what to do.
+    """
+    try:
+        import imgui_bundle  # noqa: F401
+    except ImportError as error:
+        raise PrevisError(
+            f"the window needs imgui-bundle and its system libraries: {error}. "
+            "On Debian or Ubuntu: apt-get install --no-install-recommends libgl1 libx11-6 libxext6"
+        ) from error
+
+
 def run(start: Start, test: Callable[[Any, Any], None] | None = None) -> None:
     """Open the window and return when it is closed.
 
     Args:
         start: what to begin with.
-        test: drives the window in a test: called with the test engine's context and the `App`; the window is closed when
-            it returns, and what it raises is raised here.
+        test: drives the window in a test: called with the test engine's context and the `App`; the window is closed
+            when it returns, and what it raises is raised here.
 
     Raises:
         PrevisError: when no window or no OpenGL can be had.
     """
     check_display()
-    try:
-        from imgui_bundle import hello_imgui, immapp
-    except ImportError as error:
-        raise PrevisError(f"the window needs imgui-bundle and its system libraries: {error}. {remedy()}") from error
+    load_library()
+    from imgui_bundle import hello_imgui, immapp
+
     from .runner import Runner
 
     _choose_platform()
