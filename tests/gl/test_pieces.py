@@ -12,7 +12,8 @@ from building import box, box_mesh, camera, distant, index_of, point, scene, smo
 import previs
 from previs import Medium, Settings
 from previs.description import SceneDescription
-from previs.render.pieces import BIN, Pace
+from previs.render import pieces
+from previs.render.pieces import Pace
 from previs.render.plan import Plan
 
 pytestmark = pytest.mark.gl
@@ -233,30 +234,72 @@ def test_other_work_is_not_in_the_times(fresh: previs.Renderer) -> None:
     assert sum(times.values()) < time.perf_counter() - started - 0.01 * count + 1e-3
 
 
+class Clock:
+    """Stands in for the context and the clock: a piece takes as long as its pixels cost."""
+
+    def __init__(self, pace_seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now = 0.0
+        monkeypatch.setattr(pieces.time, "perf_counter", lambda: self.now)
+        self.pace = Pace(self)
+        self.pace.seconds = pace_seconds
+
+    def finish(self) -> None:
+        pass
+
+    def frame(self, costs: np.ndarray, kind: str = "kind") -> list[float]:
+        """Draw a picture of those costs per pixel, seconds; what its pieces took."""
+        covered = np.zeros(costs.shape, int)
+        took, done = [], 0.25
+        for piece in self.pace.pieces(kind, costs.shape[::-1], 0.25, 0.5):
+            x, y, width, height = piece.scissor
+            assert width > 0 and height > 0 and x + width <= costs.shape[1] and y + height <= costs.shape[0]
+            covered[y : y + height, x : x + width] += 1
+            with piece:
+                took.append(float(costs[y : y + height, x : x + width].sum()))
+                self.now += took[-1]
+            assert piece.done > done
+            done = piece.done
+        assert (covered == 1).all()
+        assert done == pytest.approx(0.5)
+        return took
+
+
 @pytest.mark.parametrize("size", [(1, 1), (63, 5), (64, 64), (130, 70), (1000, 333), (129, 1000)])
-@pytest.mark.parametrize("cost", [1e-9, 1e-7, 3e-6, 1e-4, 1.0])
-def test_pieces_cover_everything_once(size: tuple[int, int], cost: float) -> None:
-    """Whatever a pixel costs; and no piece that could be small is long."""
+@pytest.mark.parametrize("cost", [0.0, 1e-9, 1e-7, 3e-6, 1e-4, 1.0])
+def test_pieces_cover_everything_once(size: tuple[int, int], cost: float, monkeypatch) -> None:
+    """Whatever a pixel costs, and nothing that could be drawn in smaller pieces takes long."""
+    clock = Clock(0.01, monkeypatch)
+    costs = cost * np.random.default_rng(0).uniform(0.5, 1.5, size[::-1])
+    for _ in range(3):
+        took = clock.frame(costs)
+    assert max(took) <= max(0.02, 130 * 4 * 1.5 * cost)
 
-    class Context:
-        def finish(self) -> None:
-            pass
 
-    pace = Pace(Context())
-    pace.seconds = 0.01
-    random = np.random.default_rng(0)
-    covered = np.zeros(size[::-1], int)
-    done = 0.0
-    for piece in pace.pieces("kind", size, 0.25, 0.5):
-        x, y, width, height = piece.scissor
-        assert width > 0 and height > 0 and x + width <= size[0] and y + height <= size[1]
-        covered[y : y + height, x : x + width] += 1
-        pace._costs["kind"], pace._areas["kind"] = cost * random.uniform(0.5, 1.5), width * height
-        assert piece.done > done
-        done = piece.done
-        assert width * height * cost <= 0.03 or width * height <= 2 * BIN * BIN
-    assert (covered == 1).all()
-    assert done == pytest.approx(0.5)
+def test_pieces_know_where_a_picture_is_slow(monkeypatch) -> None:
+    """A dense cloud before an empty sky: after a coarse picture, the fine one keeps its time; so does one moved on."""
+    clock = Clock(0.014, monkeypatch)
+
+    def sky(width: int, height: int, shift: float = 0.0) -> np.ndarray:
+        u, v = np.meshgrid((np.arange(width) + 0.5) / width - 0.5 - shift, (np.arange(height) + 0.5) / height - 0.5)
+        return np.where(u * u + v * v < 0.09, 1e-5, 2e-8)
+
+    for divisor in (8, 4, 2):
+        clock.frame(sky(1280 // divisor, 720 // divisor))
+    for shift in (0.0, 0.01, 0.02):
+        took = np.array(clock.frame(sky(1280, 720, shift)))
+        assert (took > 0.03).sum() <= 0.05 * len(took)
+        assert took.max() <= 0.1
+        # And not in needlessly many pieces.
+        assert len(took) <= 3.0 * took.sum() / 0.014
+
+
+def test_pieces_follow_another_scene(monkeypatch) -> None:
+    """What was cheap is suddenly slow: some pieces are too long, not the whole frame in one."""
+    clock = Clock(0.014, monkeypatch)
+    clock.frame(np.full((720, 1280), 1e-8))
+    took = np.array(clock.frame(np.full((720, 1280), 5e-6)))
+    assert took.max() <= 0.25
+    assert (took > 0.03).sum() <= 0.1 * len(took)
 
 
 def test_pieces_take_about_their_time(fresh: previs.Renderer) -> None:
