@@ -1,0 +1,90 @@
+"""The menu bar, drawn from the commands."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from imgui_bundle import imgui
+
+from .theme import tooltip
+
+#: Menus and their commands in order; "" is a line between, "recent" the list of files opened before.
+MENUS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("File", ("open", "recent", "reload", "", "save_overrides", "discard", "", "export_image", "", "quit")),
+    ("Edit", ("undo", "redo", "", "copy_camera")),
+    (
+        "Camera",
+        ("frame_selection", "frame_all", "", "free_camera", "cameras", "", "gate_mask", "", "auto_exposure"),
+    ),
+    (
+        "Render",
+        ("six", "fourteen", "", "toggle_wipe", "toggle_error", "", "inspect", "solo"),
+    ),
+    ("Time", ("play", "next_frame", "previous_frame")),
+)
+
+
+def draw_menus(app: Any) -> None:
+    """Draw the menus into the open menu bar."""
+    for title, names in MENUS:
+        if not imgui.begin_menu(title):
+            continue
+        for name in names:
+            if name == "":
+                imgui.separator()
+            elif name == "recent":
+                _recent(app)
+            elif name == "cameras":
+                _cameras(app)
+            else:
+                _command(app, name)
+        imgui.end_menu()
+
+
+def _command(app: Any, name: str) -> None:
+    command = app.commands.get(name)
+    if command is None:
+        return
+    keys = command.shortcut.split(" ")[0].replace("Arrow", "")
+    label = command.label
+    if name == "undo" and app.document is not None and app.document.undo_label:
+        label = f"Undo {_lower(app.document.undo_label)}"
+    elif name == "redo" and app.document is not None and app.document.redo_label:
+        label = f"Redo {_lower(app.document.redo_label)}"
+    if imgui.menu_item(f"{label}###{name}", keys, command.checked(), command.enabled())[0]:
+        command.run()
+    if command.tooltip:
+        tooltip(command.tooltip)
+
+
+def _lower(label: str) -> str:
+    return label[:1].lower() + label[1:]
+
+
+def _recent(app: Any) -> None:
+    """Files opened before. They are opened by the command, which asks about unsaved edits first."""
+    recent = list(app.preferences.recent)
+    if not imgui.begin_menu("Open recent###open_recent", bool(recent)):
+        return
+    for path in recent:
+        if imgui.menu_item(f"{os.path.basename(path)}###{path}", "", False, True)[0]:
+            _open(app, path)
+        tooltip(path)
+    imgui.end_menu()
+
+
+def _open(app: Any, path: str) -> None:
+    leave = getattr(app, "leave", None)
+    if leave is not None:
+        leave(lambda: app.open(path))
+    else:
+        app.open(path)
+
+
+def _cameras(app: Any) -> None:
+    if app.document is None:
+        return
+    for path in app.document.description.cameras:
+        if imgui.menu_item(f"{path}###{path}", "", app.view.camera_path == path, True)[0]:
+            app.look_through(path)
