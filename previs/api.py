@@ -109,7 +109,7 @@ def render(
         size: (width, height) in pixels, or a width; None is 960 pixels wide with the camera's aspect.
         time: time code; None is the earliest time of the stage.
         progress: called with the done part of the frame in [0, 1].
-        **settings: any knob of `previs.settings.TABLE`, e.g. ``coefficients=14``.
+        **settings: any knob of `previs.settings.TABLE`, e.g. ``coefficients=14``; the others are as the stage says.
 
     Returns:
         The picture, linear.
@@ -118,11 +118,13 @@ def render(
         PrevisError: one line that says what cannot be rendered and why.
         ValueError: for an unknown setting or an illegal value.
     """
-    values = Settings(**settings)
+    # Said before anything is opened.
+    Settings(**settings)
     if not isinstance(scene, Scene):
         with open(scene) as opened:
             return render(opened, camera, size, time, progress, **settings)
     with _shared.lock:
+        values = Settings(**scene.settings(settings))
         description = scene.describe(time)
         chosen = choose_camera(scene, description, camera, time)
         pixels = choose_size(chosen, size)

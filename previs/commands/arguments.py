@@ -6,7 +6,7 @@ import argparse
 import os
 from typing import Any
 
-from ..settings import BY_NAME, TABLE, Settings
+from ..settings import BY_NAME, TABLE
 
 _PURPOSES = ("default", "render", "proxy", "guide")
 
@@ -17,7 +17,6 @@ def add_stage_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--imageWidth", "-w", type=_positive, metavar="PIXELS", help="width of the image (default: 960)"
     )
-    parser.add_argument("--renderSettingsPrimPath", "-rs", metavar="PATH", help="RenderSettings prim to follow")
     add_opening_arguments(parser)
 
 
@@ -37,6 +36,7 @@ def add_opening_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"purposes shown besides default: {', '.join(_PURPOSES[1:])} (default: render)",
     )
     parser.add_argument("--sessionLayer", metavar="LAYER", help="USD layer composed over the stage")
+    parser.add_argument("--renderSettingsPrimPath", "-rs", metavar="PATH", help="RenderSettings prim to follow")
     parser.add_argument(
         "--keepGoing", action="store_true", help="leave out a volume that cannot be read, with a warning"
     )
@@ -63,8 +63,8 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def settings_from(arguments: argparse.Namespace) -> Settings:
-    """The settings that the arguments ask for.
+def settings_from(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The knobs that the arguments set, by name; the stage and the defaults have the others.
 
     Raises:
         ValueError: one sentence naming the knob and what it accepts.
@@ -81,7 +81,7 @@ def settings_from(arguments: argparse.Namespace) -> Settings:
         if name not in BY_NAME:
             raise ValueError(f"--set {assignment}: no knob {name!r}; known are {', '.join(BY_NAME)}")
         values[name] = value
-    return Settings(**values)
+    return {name: BY_NAME[name].parse(value) for name, value in values.items()}
 
 
 def open_scene(arguments: argparse.Namespace):
@@ -104,6 +104,7 @@ def scene_options(arguments: argparse.Namespace) -> dict[str, Any]:
         "mask": [p for p in (arguments.mask or "").split(",") if p] or None,
         "purposes": arguments.purposes,
         "keep_going": arguments.keepGoing,
+        "render_settings": arguments.renderSettingsPrimPath,
     }
 
 

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 
 from ..description import volume_world_bounds
+from ..settings import Settings
 from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
 from .view_of import camera_and_size
 
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print; needs no OpenGL."""
     try:
-        settings = settings_from(arguments)
+        explicit = settings_from(arguments)
     except ValueError as error:
         print(f"previs info: {error}", file=sys.stderr)
         return 2
@@ -34,6 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     # What cannot be read is listed with the rest; one missing file does not hide what else there is.
     arguments.keepGoing = True
     with open_scene(arguments) as scene:
+        settings = Settings(**scene.settings(explicit))
         description = scene.describe(arguments.time)
         camera, (width, height) = camera_and_size(arguments, scene, description, arguments.time)
         index = RenderIndex()

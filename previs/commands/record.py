@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..errors import PrevisError
 from ..io import COLOR_CORRECTIONS, check_format, parse_exposure, write_text
+from ..settings import Settings
 from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
 from .frames import frame_path, has_placeholder, parse_frames
 from .view_of import camera_and_size, with_camera_light
@@ -52,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Render; 0 when all frames were written, 1 when one could not be, 2 for wrong arguments."""
     try:
-        settings = settings_from(arguments)
+        explicit = settings_from(arguments)
         frames = parse_frames(arguments.frames) if arguments.frames is not None else [None]
         if len(frames) > 1 and not has_placeholder(arguments.output):
             raise ValueError(f"{arguments.output}: {len(frames)} frames need a ### in the name for the frame number")
@@ -79,6 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
                 f"warning: --disableGpu: this driver has no software rasteriser; {renderer.device} draws",
                 file=sys.stderr,
             )
+        settings = Settings(**scene.settings(explicit))
         index = RenderIndex()
         default_time = float("nan") if arguments.defaultTime else None
         for number, frame in enumerate(frames):

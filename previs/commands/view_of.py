@@ -19,7 +19,7 @@ def camera_and_size(
     Raises:
         PrevisError: for an unknown camera or RenderSettings prim.
     """
-    settings = scene.reader.render_settings(arguments.renderSettingsPrimPath)
+    settings = scene.reader.render_settings()
     name = arguments.camera or (settings.camera if settings and arguments.renderSettingsPrimPath else None)
     camera = choose_camera(scene, description, name, time)
     if arguments.imageWidth is None and settings is not None and settings.resolution is not None:

@@ -22,14 +22,17 @@ from pxr import Usd, UsdGeom, UsdUtils, UsdVol
 
 from ..description import Camera, Medium, SceneDescription
 from ..errors import PrevisError
+from ..settings import Settings
 from ..stage import StageReader, default_camera, find_camera, open_stage
 from ..stage.diagnostics import quiet_diagnostics
 from ..stage.field import GridCache, read_field
 from ..stage.light import is_light
 from ..stage.opening import FilePath
+from ..stage.render_settings import read_knobs
 from ..stage.values import time_code
 from .arguments import Vector
 from .building import SceneBuilder
+from .knobs import author_setting, known_setting, reset_settings
 from .light import (
     LightValues,
     author_light,
@@ -81,18 +84,20 @@ class Scene(SceneBuilder):
         variants: Mapping[str, Mapping[str, str]] | None = None,
         purposes: Iterable[str] = ("default", "render"),
         keep_going: bool = False,
+        render_settings: str | None = None,
     ) -> Scene:
         """Open a USD file.
 
         `session_layer` is a layer file over the stage, such as one written by `save_overrides`. `mask` limits the
         stage to these prim paths; `variants` maps prim paths to {variant set: variant}. `purposes` are shown
         besides "default". With `keep_going` volumes that cannot be read are left out with a note instead of
-        failing `describe`. Raises `PrevisError` when a file or prim is missing or damaged.
+        failing `describe`. `render_settings` is the RenderSettings prim to follow instead of the stage's own
+        choice. Raises `PrevisError` when a file or prim is missing or damaged.
         """
         scene = cls.__new__(cls)
         stage = open_stage(path, session_layer, mask, variants)
         stage.SetEditTarget(stage.GetSessionLayer())
-        scene._set_up(stage, StageReader(stage, purposes, keep_going=keep_going), opened=True)
+        scene._set_up(stage, StageReader(stage, purposes, None, keep_going, render_settings), opened=True)
         return scene
 
     def _set_up(self, stage: Usd.Stage, reader: StageReader, opened: bool) -> None:
@@ -295,6 +300,43 @@ class Scene(SceneBuilder):
         self._require_opened()
         prim = require_light(editable_prim(self.stage, path, "light"))
         reset_light(self._edits.layer, prim, self._authored_prim(path), names)
+        self._edits.prune()
+
+    def settings(self, overrides: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """All knobs of `previs.settings.TABLE`: the `overrides`, else what the stage says, else the defaults.
+
+        The stage says it by attributes `previs:<name>` of its RenderSettings prim or of `/Render/previs`; those that
+        are no knobs or have no legal value are in the notes of `describe`. Raises ValueError for an unknown or
+        illegal override, `PrevisError` when the RenderSettings asked for do not exist.
+        """
+        _ = self.stage
+        return dict(Settings(**{**self._reader.knobs(), **(overrides or {})}))
+
+    def authored_settings(self) -> dict[str, Any]:
+        """All knobs as `settings` without the edits."""
+        stage, prim = self._edits.stage_without, self._reader.settings_prim()
+        before = stage.GetPrimAtPath(prim.GetPath()) if prim is not None else None
+        return dict(Settings(**read_knobs(stage, before or None)[0]))
+
+    def set_setting(self, name: str, value: Any) -> None:
+        """Set a knob of `previs.settings.TABLE` on the stage, where `previs record` finds it too.
+
+        It is authored on the stage's RenderSettings prim; without one `/Render/previs` is made. What an opened stage
+        says anyway leaves no edit behind. Raises ValueError for an unknown knob or an illegal value.
+        """
+        checked = known_setting(name).parse(value)
+        if self._opened and self.authored_settings()[name] == checked:
+            self.reset_settings(name)
+        else:
+            author_setting(self.stage, self._reader.settings_prim(), name, checked)
+
+    def reset_settings(self, *names: str) -> None:
+        """Take the edits of these knobs back, of all where none is named.
+
+        Raises ValueError for an unknown knob, or for a scene that was not opened from a file.
+        """
+        self._require_opened()
+        reset_settings(self._edits.layer, self._reader.settings_prim(), names)
         self._edits.prune()
 
     def remove(self, path: str) -> None:

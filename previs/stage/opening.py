@@ -10,6 +10,7 @@ from pxr import Ar, Sdf, Tf, Usd
 
 from ..errors import PrevisError
 from .diagnostics import one_line, quiet_diagnostics
+from .render_settings import KNOBS_PATH
 
 FilePath = str | os.PathLike[str]
 
@@ -23,7 +24,8 @@ def open_stage(
     """Open a .usd, .usda, .usdc or .usdz file with all payloads.
 
     `session_layer` is a layer file composed over the stage. Edits never change that file: they go to an anonymous
-    layer above it. `mask` limits the stage to these prim paths, and to what they bind or connect to. `variants` maps
+    layer above it. `mask` limits the stage to these prim paths, what they bind or connect to, and the
+    render settings. `variants` maps
     prim paths to {variant set: variant}; the choice is authored on a layer below the session layer.
 
     Raises `PrevisError`, one line that names the file or prim, when the file is missing, is no stage or is damaged, or
@@ -40,7 +42,8 @@ def open_stage(
         paths = [mask] if isinstance(mask, str) else list(mask or ())
         try:
             if paths:
-                stage = Usd.Stage.OpenMasked(root, session, _population_mask(paths))
+                settings = [str(KNOBS_PATH), str(root.pseudoRoot.GetInfo("renderSettingsPrimPath") or KNOBS_PATH)]
+                stage = Usd.Stage.OpenMasked(root, session, _population_mask([*paths, *settings]))
                 stage.ExpandPopulationMask()
             else:
                 stage = Usd.Stage.Open(root, session)

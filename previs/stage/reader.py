@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdVol
@@ -27,7 +28,7 @@ from .light import is_light, read_light
 from .material import bound_material, is_volume_only
 from .mesh import read_mesh
 from .primitives import is_primitive
-from .render_settings import RenderSettings, read_render_settings
+from .render_settings import RenderSettings, read_knobs, render_settings_of, settings_prim
 from .values import numpy_matrix, time_code
 from .variation import Variation
 from .volume import read_homogeneous_shape, read_volume
@@ -48,7 +49,8 @@ class StageReader:
 
     `purposes` are the purposes shown besides "default". `mask` limits the reading to these prims and what is below
     them; materials elsewhere still count. With `keep_going` a volume whose field cannot be read is left out with a
-    note instead of failing the reading. `counters` counts the work done so far: "prims" translated, "grids" read from
+    note instead of failing the reading. `render_settings` is the RenderSettings prim to follow instead of the stage's
+    own choice. `counters` counts the work done so far: "prims" translated, "grids" read from
     files, "geometry" built.
     """
 
@@ -58,8 +60,11 @@ class StageReader:
         purposes: Iterable[str] = ("default", "render"),
         mask: Iterable[str] | None = None,
         keep_going: bool = False,
+        render_settings: str | None = None,
     ) -> None:
         self.stage = stage
+        self._settings_path = render_settings
+        self._settings_prim: tuple[int, Usd.Prim | None] | None = None
         self.keep_going = keep_going
         self.counters: Counter[str] = Counter()
         self._purposes = frozenset(purposes) | {"default"}
@@ -94,9 +99,23 @@ class StageReader:
         self._translations.clear()
         self._prims = self._scene = None
 
-    def render_settings(self, path: str | None = None) -> RenderSettings | None:
-        """The stage's RenderSettings, see `read_render_settings`."""
-        return read_render_settings(self.stage, path)
+    def render_settings(self) -> RenderSettings | None:
+        """What the stage's RenderSettings say, None where there are none.
+
+        Raises `PrevisError` when those asked for do not exist.
+        """
+        prim = self.settings_prim()
+        return render_settings_of(prim) if prim is not None else None
+
+    def settings_prim(self) -> Usd.Prim | None:
+        """The RenderSettings prim that is followed, see `render_settings.settings_prim`."""
+        if self._settings_prim is None or self._settings_prim[0] != self.structure:
+            self._settings_prim = self.structure, settings_prim(self.stage, self._settings_path)
+        return self._settings_prim[1]
+
+    def knobs(self) -> dict[str, Any]:
+        """The knobs of `previs.settings.TABLE` that the stage authors; what is wrong with others is in the notes."""
+        return read_knobs(self.stage, self.settings_prim())[0]
 
     def read(self, time: Time = None) -> SceneDescription:
         """Everything in the stage at a time code that a renderer may use.
@@ -190,7 +209,7 @@ class StageReader:
             yield Note("missing", path, " ".join(str(error).split()))
 
     def _color_space_notes(self) -> Iterator[Note]:
-        settings = read_render_settings(self.stage)
+        settings = self.render_settings()
         name = settings.color_space if settings else None
         if name and name not in RENDERING_COLOR_SPACES:
             yield Note("ignored", settings.path, f"renderingColorSpace {name}: colours are taken as linear Rec.709")
@@ -216,7 +235,7 @@ class StageReader:
         lights: dict[str, Light] = {}
         meshes: dict[str, Mesh] = {}
         cameras: dict[str, Camera] = {}
-        notes = dict.fromkeys(self._stage_notes)
+        notes = dict.fromkeys((*self._stage_notes, *read_knobs(self.stage, self.settings_prim())[1]))
         for out in translations:
             for records, target in ((out.volumes, volumes), (out.lights, lights), (out.meshes, meshes)):
                 for record in records:

@@ -9,6 +9,7 @@ from previs.description import Medium
 from previs.errors import PrevisError
 from previs.index import RenderIndex
 from previs.scene import Scene
+from previs.settings import Settings
 
 SHOT = """
 def Xform "W" {
@@ -610,3 +611,111 @@ def test_the_part_of_a_mesh_is_the_mesh(shot):
         mesh = UsdGeom.Mesh.Define(scene.stage, "/Mesh")
         UsdGeom.Subset.CreateGeomSubset(mesh, "part", UsdGeom.Tokens.face, [0])
         assert scene.prim_path("/Mesh/part") == "/Mesh"
+
+
+# --- knobs -----------------------------------------------------------------------------------------------------------
+
+RENDER = """
+def Scope "Render" { def RenderSettings "%s" { int previs:coefficients = 10
+    float previs:threshold = 0.02
+    rel camera = </W/Cam>
+    token previs:map_filter = "nearest" }
+}
+"""
+
+
+def test_knobs_of_a_stage_without_any(shot):
+    with Scene.open(shot()) as scene:
+        assert scene.settings() == dict(Settings())
+        empty = scene.snapshot()
+        for name, value in (("coefficients", 14), ("threshold", 0.03), ("transmittance", "march")):
+            scene.set_setting(name, value)
+            assert scene.settings()[name] == value
+            assert scene.authored_settings() == dict(Settings())
+        scene.set_setting("projective_steps", "off")
+        assert scene.settings()["projective_steps"] is False
+        assert scene.settings({"coefficients": 4, "steps": 7})["coefficients"] == 4
+        assert not scene.describe().notes
+        scene.reset_settings("coefficients")
+        assert scene.settings()["coefficients"] == 6
+        assert scene.settings()["threshold"] == 0.03
+        scene.set_setting("threshold", 0.01)
+        scene.reset_settings()
+        assert scene.snapshot() == empty
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "fragment"), [("quality", 1, "unknown setting 'quality'"), ("coefficients", 7, "an even number")]
+)
+def test_knobs_that_are_none(shot, name, value, fragment):
+    with Scene.open(shot()) as scene:
+        with pytest.raises(ValueError, match=fragment):
+            scene.set_setting(name, value)
+        with pytest.raises(ValueError, match=name):
+            scene.settings({name: value})
+        assert not scene.has_overrides
+
+
+@pytest.mark.parametrize("name", ["main", "previs"])
+def test_knobs_of_the_render_settings(shot, name):
+    with Scene.open(shot(body=BOUND + RENDER % name)) as scene:
+        empty = scene.snapshot()
+        assert (scene.settings()["coefficients"], scene.settings()["threshold"]) == (10, 0.02)
+        scene.set_setting("coefficients", 14)
+        scene.set_setting("steps", 64)
+        assert scene.stage.GetAttributeAtPath(f"/Render/{name}.previs:coefficients").Get() == 14
+        assert scene.settings()["coefficients"] == 14
+        assert scene.authored_settings()["coefficients"] == 10
+        assert scene.camera().path == "/W/Cam"
+        # What the stage says anyway is no edit.
+        scene.set_setting("coefficients", 10)
+        scene.reset_settings("steps")
+        assert scene.snapshot() == empty
+
+
+def test_knobs_that_cannot_be_used_are_noted(shot):
+    text = RENDER.replace("previs:coefficients = 10", 'previs:coefficients = 7\n string previs:quality = "best"')
+    with Scene.open(shot(body=BOUND + text % "main")) as scene:
+        assert scene.settings()["coefficients"] == 6
+        notes = [str(n) for n in scene.describe().notes]
+        assert len(notes) == 2
+        assert "/Render/main: ignored: previs:coefficients: 7 is not an even number from 2 to 16" in notes
+        assert any("previs:quality is not a knob" in n for n in notes)
+        scene.set_setting("coefficients", 8)
+        assert len(scene.describe().notes) == 1
+
+
+def test_a_knob_reads_no_voxels_again(shot):
+    with Scene.open(shot()) as scene:
+        index = RenderIndex()
+        index.update(scene.describe())
+        scene.reader.counters.clear()
+        before = versions(index)
+        scene.set_setting("coefficients", 14)
+        index.update(scene.describe())
+        assert not moved(before, index)
+        assert scene.reader.counters["grids"] == 0
+        scene.set_setting("coefficients", 8)
+        scene.reader.counters.clear()
+        scene.describe()
+        assert not scene.reader.counters
+
+
+def test_a_mask_leaves_the_knobs(shot):
+    path = shot(body=BOUND + RENDER % "previs")
+    with Scene.open(path, mask="/W/V") as scene:
+        assert scene.settings()["coefficients"] == 10
+
+
+def test_saved_knobs_are_found_below_another_root(shot, tmp_path):
+    path = shot()
+    with Scene.open(path) as scene:
+        scene.set_setting("coefficients", 14)
+        scene.set_medium("/W/V", albedo=0.125)
+        scene.save_overrides(tmp_path / "look.usda")
+    root = Sdf.Layer.CreateNew(str(tmp_path / "both.usda"))
+    root.subLayerPaths = ["./look.usda", "./shot.usda"]
+    root.Save()
+    with Scene.open(tmp_path / "both.usda") as scene:
+        assert scene.settings()["coefficients"] == 14
+        assert scene.medium("/W/V").albedo == (0.125, 0.125, 0.125)

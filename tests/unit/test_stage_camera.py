@@ -114,11 +114,12 @@ def test_render_settings_choose_the_camera():
 def Camera "a" {} def Camera "b" {}
 def Scope "R" { def RenderSettings "s" { rel camera = </b>
     uniform int2 resolution = (640, 480) } def RenderSettings "t" {} }"""
-    reader = StageReader(stage_of(text))
+    stage = stage_of(text)
+    reader = StageReader(stage)
     settings = reader.render_settings()
     assert (settings.path, settings.camera, settings.resolution) == ("/R/s", "/b", (640, 480))
     assert default_camera(reader.read(), settings.camera).path == "/b"
-    assert reader.render_settings("/R/t").resolution is None
+    assert StageReader(stage, render_settings="/R/t").render_settings().resolution is None
 
 
 def test_render_settings_that_are_none():

@@ -1,0 +1,76 @@
+"""Knobs that a stage authors: below the flags, above the defaults, the same in every way in."""
+
+import json
+
+import numpy as np
+import pytest
+from small_stages import usda
+
+import previs
+from previs.io import load_color
+
+
+@pytest.fixture
+def look(stages, tmp_path):
+    """A layer of overrides, and a root that has it over the stage."""
+    with previs.open(stages / "smoke.usda") as scene:
+        scene.set_setting("map_size", 48)
+        scene.set_setting("coefficients", 12)
+        scene.set_medium("/Smoke", extinction=9)
+        scene.save_overrides(tmp_path / "look.usda")
+    root = tmp_path / "both.usda"
+    root.write_text(f"#usda 1.0\n(\n subLayers = [@./look.usda@, @{stages / 'smoke.usda'}@]\n)\n")
+    return root
+
+
+def map_sizes(plan):
+    return {tuple(p["resolution"][:2]) for p in plan if p["pass"].startswith("transmittance_map")}
+
+
+def test_overrides_over_the_shot_give_the_same_picture(run, stages, look, tmp_path):
+    done = run("record", look, tmp_path / "a.exr", "-w", 64)
+    assert done.returncode == 0, done.stderr
+    with previs.open(stages / "smoke.usda", tmp_path / "look.usda") as scene:
+        edited = previs.render(scene, size=64)
+        plain = previs.render(stages / "smoke.usda", size=64)
+    recorded = load_color(tmp_path / "a.exr")[0]
+    assert np.array_equal(recorded, edited.color)
+    assert not np.array_equal(recorded, plain.color)
+
+
+def test_info_follows_the_stage_and_the_flags(run, look):
+    plan = json.loads(run("info", look, "--json").stdout)["plan"]
+    assert map_sizes(plan) == {(48, 48)}
+    plan = json.loads(run("info", look, "--json", "--map-size", 32).stdout)["plan"]
+    assert map_sizes(plan) == {(32, 32)}
+
+
+def test_a_flag_that_says_the_default_wins(run, look, tmp_path):
+    for name, flags in (("a", ()), ("b", ("--coefficients", 6)), ("c", ("--set", "coefficients=12"))):
+        done = run("record", look, tmp_path / f"{name}.exr", "-w", 64, *flags)
+        assert done.returncode == 0, done.stderr
+    a, b, c = (load_color(tmp_path / f"{name}.exr")[0] for name in "abc")
+    assert np.array_equal(a, c)
+    assert not np.array_equal(a, b)
+    with previs.open(look) as scene:
+        assert np.array_equal(previs.render(scene, size=64, coefficients=6).color, b)
+
+
+def test_a_knob_that_cannot_be_used_is_a_warning(run, tmp_path):
+    text = """
+def Sphere "Ball" {}
+def Scope "Render" { def RenderSettings "main" { int previs:coefficients = 7
+    int previs:map_size = 32 }
+ def RenderSettings "other" { int previs:steps = -3 }
+}
+"""
+    (tmp_path / "a.usda").write_text(usda(text))
+    done = run("record", tmp_path / "a.usda", tmp_path / "a.png", "-w", 16, "-rs", "/Render/main")
+    assert done.returncode == 0
+    assert "warning: /Render/main: ignored: previs:coefficients: 7 is not an even number" in done.stderr
+    assert "/Render/other" not in done.stderr
+    done = run("info", tmp_path / "a.usda", "-rs", "/Render/other")
+    assert "/Render/other: ignored: previs:steps: -3 is not" in done.stdout
+    done = run("record", tmp_path / "a.usda", tmp_path / "a.png", "-rs", "/Ball")
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "/Ball: not a RenderSettings prim" in done.stderr
