@@ -125,16 +125,16 @@ class ColorViews:
         return self.default_views[self.default_display]
 
     def chosen(self, display: str | None = None, view: str | None = None) -> tuple[str, str]:
-        """A display and a view of it, the defaults taking the place of None.
+        """A display and a view of it, the defaults taking the place of None and of empty names.
 
         Raises:
             PrevisError: when the config has no such display, or the display no such view.
         """
-        display = self.default_display if display is None else display
+        display = display or self.default_display
         if display not in self.displays:
             known = ", ".join(self.displays)
             raise PrevisError(f"OpenColorIO config {self.config}: no display {display!r}; it has {known}")
-        view = self.default_views[display] if view is None else view
+        view = view or self.default_views[display]
         if view not in self.displays[display]:
             known = ", ".join(self.displays[display])
             raise PrevisError(f"OpenColorIO config {self.config}: {display!r} has no view {view!r}; it has {known}")

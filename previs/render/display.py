@@ -40,9 +40,9 @@ _KEPT_VIEWS = 3
 class DisplayTransform:
     """How linear radiance becomes display values; names and ranges as for `previs.io.display`.
 
-    `exposure` is in stops, a number. `display` and `view` are names of the OpenColorIO config, None its defaults; only
-    the correction "openColorIO" reads them. `dither` adds up to half a step of 8 bits, so that slow gradients show no
-    contours.
+    `exposure` is in stops, a number. `display` and `view` are names of the OpenColorIO config, None or empty its
+    defaults; only the correction "openColorIO" reads them. `dither` adds up to half a step of 8 bits, so that slow
+    gradients show no contours.
 
     Raises:
         ValueError: for another exposure or color_correction.
@@ -308,7 +308,7 @@ def _linear_from_oklab(lightness: np.ndarray, ab: np.ndarray) -> np.ndarray:
     return cone_roots**3 @ matrix.T
 
 
-def error_scale(error_range: Sequence[float]) -> tuple[tuple[float, str], ...]:
+def error_scale(error_range: Sequence[float] = OFF.error_range) -> tuple[tuple[float, str], ...]:
     """Where the whole decades lie on the error view's scale: (position in [0, 1], label in percent), rising."""
     low, high = (math.log10(e) for e in error_range)
     decades = range(math.ceil(low - 1e-9), math.floor(high + 1e-9) + 1)

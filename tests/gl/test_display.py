@@ -250,6 +250,7 @@ def test_the_scale_names_whole_decades():
         (0.75, "10 %"),
         (1.0, "100 %"),
     )
+    assert error_scale() == error_scale(Compare().error_range)
     (first, label), *_ = error_scale((3e-3, 1.0))
     assert label == "1 %"
     assert first == pytest.approx(np.log(0.01 / 3e-3) / np.log(1.0 / 3e-3))

@@ -302,7 +302,7 @@ def test_the_built_in_config_says_what_it_offers(built_in):
     assert found.default_display in found.displays
     assert found.default_view in found.displays[found.default_display]
     assert all(found.default_views[d] in views for d, views in found.displays.items())
-    assert found.chosen() == (found.default_display, found.default_view)
+    assert found.chosen() == found.chosen("", "") == (found.default_display, found.default_view)
 
 
 def test_a_view_is_picked_by_name(built_in):
