@@ -270,6 +270,21 @@ def test_another_pivot_does_not_move_the_picture(view, point):
 
 
 @properties
+@given(views, drags, drags, st.floats(0.05, 0.95), st.floats(0.05, 0.95), st.floats(0.3, 3.0))
+def test_a_pivot_anywhere_in_the_picture_stays_there(view, x, y, u, v, nearer):
+    left, right, bottom, top = view.camera(ASPECT).window()
+    depth = nearer * -view.offset[2]
+    scale = depth if view.lens.projection == "perspective" else 1.0
+    local = np.array([(left + u * (right - left)) * scale, (bottom + v * (top - bottom)) * scale, -depth])
+    point = local @ view.rotation + view.eye
+    about = view.about(point)
+    assert about.pivot == pytest.approx(point)
+    assert about.unmoved is view.unmoved
+    for moved in (about.orbit(x, y), about.dolly(x), about.dolly(y).orbit(y, x).dolly(x)):
+        assert place_in_picture(moved.camera(ASPECT), point) == pytest.approx([u, v], abs=1e-6)
+
+
+@properties
 @given(views, drags, drags)
 def test_a_saved_camera_renders_identically(view, x, y):
     shown = view.orbit(x, y).dolly(y).camera(ASPECT)
