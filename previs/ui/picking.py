@@ -4,7 +4,8 @@ The picture itself cannot tell: a cloud has no one surface. So a click casts one
 tested against it, and the optical depth of every medium is integrated along it. Nothing is prepared but an index of
 each grid's leaves, so a click right after an edit costs no more than any other.
 
-Image coordinates are those of the renderer's rays: u to the right, v **up**, (0, 0) is the lower left corner.
+Image coordinates are those of the window: parts of the image's width and height, u to the right, v **down**, (0, 0) is
+the upper left corner.
 
 Not here: lights without a position (distant lights and domes) cannot be picked, nor can cameras. Lights have no
 surface that hides anything.
@@ -58,7 +59,7 @@ def project(camera: Camera, aspect: float, points: np.ndarray) -> tuple[np.ndarr
         ahead = np.where(depth > 0.0, depth, np.nan)
         x, y = x / ahead, y / ahead
     left, right, bottom, top = camera.conformed(aspect).window()
-    return (x - left) / (right - left), (y - bottom) / (top - bottom), depth
+    return (x - left) / (right - left), (top - y) / (top - bottom), depth
 
 
 def pick(
@@ -79,7 +80,7 @@ def pick(
     Args:
         description: the scene.
         camera: its aspect is conformed to the image.
-        u, v: in [0, 1] over the image, v up.
+        u, v: in [0, 1] over the image, from its upper left corner.
         size: (width, height) of the image in pixels.
         light_icons: paths of the lights whose icons are shown; None is all of them.
         light_radius: in pixels of `size`.
@@ -107,7 +108,7 @@ def _view_ray(camera: Camera, u: float, v: float) -> tuple[np.ndarray, np.ndarra
     """(origin, unit direction, first distance, last distance) of the ray through a point of the image."""
     matrix = np.asarray(camera.camera_to_world, float)
     left, right, bottom, top = camera.window()
-    across = (left + u * (right - left)) * matrix[0, :3] + (bottom + v * (top - bottom)) * matrix[1, :3]
+    across = (left + u * (right - left)) * matrix[0, :3] + (top - v * (top - bottom)) * matrix[1, :3]
     near, far = camera.clipping_range
     if camera.projection == "orthographic":
         return matrix[3, :3] + across, -matrix[2, :3], near, far

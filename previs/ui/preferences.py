@@ -84,7 +84,7 @@ class Preferences:
     """The values, free to be changed; `save` writes them.
 
     Attributes:
-        recent_files: absolute paths, the latest first, RECENT_FILES at most; see `add_recent`.
+        recent: absolute paths, the latest first, RECENT_FILES at most; see `add_recent`.
         exposure: stops, at which a stage is first shown.
         color_correction: "disabled", "sRGB" or "openColorIO".
         ocio_display, ocio_view: names of OpenColorIO, "" for the configuration's defaults.
@@ -95,7 +95,7 @@ class Preferences:
         problem: one line about what could not be read, "" when all is well.
     """
 
-    recent_files: list[str] = field(default_factory=list)
+    recent: list[str] = field(default_factory=list)
     exposure: float = 0.0
     color_correction: str = "sRGB"
     ocio_display: str = ""
@@ -143,10 +143,10 @@ class Preferences:
         stored, problem = _read(self.path)
         self.problem = problem or self.problem
         merged = stored | {name: values[name] for name in changed}
-        if "recent_files" in changed and _fits("recent_files", stored.get("recent_files")):
+        if "recent" in changed and _fits("recent", stored.get("recent")):
             # Files that another process opened meanwhile; not those that this one has just forgotten.
-            others = [f for f in stored["recent_files"] if f not in self._saved["recent_files"]]
-            merged["recent_files"] = list(dict.fromkeys(values["recent_files"] + others))[:RECENT_FILES]
+            others = [f for f in stored["recent"] if f not in self._saved["recent"]]
+            merged["recent"] = list(dict.fromkeys(values["recent"] + others))[:RECENT_FILES]
         # What is not ours to judge stays, what cannot be used goes, and defaults need not be written.
         merged = {
             name: value
@@ -162,12 +162,12 @@ class Preferences:
     def add_recent(self, path: str | os.PathLike[str]) -> None:
         """Put a file first in the list."""
         absolute = os.path.abspath(path)
-        self.recent_files = [absolute, *(f for f in self.recent_files if f != absolute)][:RECENT_FILES]
+        self.recent = [absolute, *(f for f in self.recent if f != absolute)][:RECENT_FILES]
 
     def forget_recent(self, path: str | os.PathLike[str]) -> None:
         """Take a file out of the list, as when it no longer exists."""
         absolute = os.path.abspath(path)
-        self.recent_files = [f for f in self.recent_files if f != absolute]
+        self.recent = [f for f in self.recent if f != absolute]
 
     def _values(self) -> dict[str, Any]:
         return {name: list(value) if isinstance(value := getattr(self, name), list) else value for name in _DEFAULTS}
@@ -181,9 +181,7 @@ class Preferences:
 
 
 _DEFAULTS: dict[str, Any] = {
-    f.name: [] if f.name == "recent_files" else f.default
-    for f in fields(Preferences)
-    if f.name not in ("folder", "problem")
+    f.name: [] if f.name == "recent" else f.default for f in fields(Preferences) if f.name not in ("folder", "problem")
 }
 
 

@@ -11,7 +11,7 @@ to the disk, which could hold up the window for a moment; a power failure may co
     recovery = Recovery()
     for entry in recovery.pending():      # at the start: offer what was left behind
         state = recovery.take(entry)      # nobody else gets it now
-        ...                               # open state.stage_path, restore state.snapshot
+        ...                               # open state.stage, restore state.snapshot
         recovery.forget(entry)            # once it is restored, or not wanted
     recovery.tick(state_function, now)    # every frame
     recovery.close()                      # at a clean exit
@@ -25,9 +25,10 @@ import secrets
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import PrevisError
 from .preferences import config_folder, set_aside, write_atomically
@@ -36,25 +37,26 @@ from .preferences import config_folder, set_aside, write_atomically
 INTERVAL = 4.0
 
 
-@dataclass(frozen=True)
-class RecoveryState:
+class RecoveryState(NamedTuple):
     """What is worth keeping: the stage's path, its unsaved edits as text, and the view as JSON values.
 
     The path is stored as an absolute one; "" is a stage that was never on disk.
     """
 
-    stage_path: str
+    stage: str
     snapshot: str
-    view: Mapping[str, Any] = field(default_factory=dict)
+    view: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A session that was left behind: `stage_path` and `saved_at` (seconds since 1970) tell the user which."""
+    """A session that was left behind, at the file `path`; `saved_at` is local time, the rest as in `RecoveryState`."""
 
     path: Path
-    stage_path: str
-    saved_at: float
+    stage: str
+    snapshot: str
+    view: Mapping[str, Any]
+    saved_at: datetime
 
 
 class Recovery:
@@ -73,7 +75,12 @@ class Recovery:
 
     # --- this session -----------------------------------------------------------------------------------------
 
-    def tick(self, state_function: Callable[[], RecoveryState | None], now: float, force: bool = False) -> bool:
+    def tick(
+        self,
+        state_function: Callable[[], RecoveryState | tuple[str, str, Mapping[str, Any]] | None],
+        now: float,
+        force: bool = False,
+    ) -> bool:
         """Save the state if it is time to and it has changed; True where something was written.
 
         Args:
@@ -90,14 +97,15 @@ class Recovery:
         self._next = now + self.interval
         state = state_function()
         if state is None:
-            self.clear()
+            self.discard()
             return False
         if state == self._written:
             return False
+        stage, snapshot, view = state
         content = {
-            "stage_path": os.path.abspath(state.stage_path) if state.stage_path else "",
-            "snapshot": state.snapshot,
-            "view": dict(state.view),
+            "stage": os.path.abspath(stage) if stage else "",
+            "snapshot": snapshot,
+            "view": dict(view),
             "saved_at": time.time(),
         }
         text = json.dumps(content)
@@ -110,7 +118,7 @@ class Recovery:
         self._written = state
         return True
 
-    def clear(self) -> None:
+    def discard(self) -> None:
         """Remove what this session has saved: nothing would be lost if it ended now."""
         self._written = None
         if self._path is not None:
@@ -119,7 +127,7 @@ class Recovery:
 
     def close(self) -> None:
         """A clean exit: this session leaves nothing. What it took and did not forget is offered again."""
-        self.clear()
+        self.discard()
         if self._lock is not None:
             self._discard_lock(self._path, self._lock)
         self._path = self._lock = None
@@ -220,7 +228,7 @@ class Recovery:
                 self.problem = f"{path}: damaged recovery file; it is now {aside.name}"
                 return None
             keep = True
-            return Entry(path, state.stage_path, saved_at)
+            return Entry(path, *state, saved_at)
         finally:
             if keep:
                 os.close(lock)
@@ -243,18 +251,19 @@ class Recovery:
                 _lock_path(path).unlink(missing_ok=True)
 
 
-def _read(path: Path) -> tuple[RecoveryState, float]:
-    """(state, time of saving) of a file. Raises OSError, and ValueError for anything but a recovery file."""
+def _read(path: Path) -> tuple[RecoveryState, datetime]:
+    """(state, local time of saving) of a file. Raises OSError, and ValueError for anything but a recovery file."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except RecursionError:
         raise ValueError("it is no recovery file") from None
-    values = (
-        [content.get(k) for k in ("stage_path", "snapshot", "view", "saved_at")] if isinstance(content, dict) else []
-    )
+    values = [content.get(k) for k in ("stage", "snapshot", "view", "saved_at")] if isinstance(content, dict) else []
     if not values or not all(isinstance(v, t) for v, t in zip(values, (str, str, dict, float), strict=True)):
         raise ValueError("it is no recovery file")
-    return RecoveryState(*values[:3]), values[3]
+    try:
+        return RecoveryState(*values[:3]), datetime.fromtimestamp(values[3])
+    except (OverflowError, OSError):
+        raise ValueError("it is no recovery file") from None
 
 
 def _lock_path(path: Path) -> Path:

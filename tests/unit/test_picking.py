@@ -64,6 +64,8 @@ def test_projection_is_the_renderers(c):
     u, v, depth = project(c, ASPECT, points)
     rays = camera_rays(c.conformed(ASPECT), np.zeros(3), SceneDescription(), (0.0, 0.0))
     clip = np.c_[points, np.ones(50)] @ rays.view_projection
+    # The renderer's v runs up, the window's down.
+    v = 1.0 - v
     assert np.stack([u, v], axis=1) == pytest.approx(0.5 * clip[:, :2] / clip[:, 3:] + 0.5)
     # And the ray through (u, v) passes the point at that depth.
     uv = np.stack([np.ones(50), u, v], axis=1)

@@ -30,7 +30,7 @@ def test_where_they_are(monkeypatch, tmp_path):
 def test_a_first_start_has_the_defaults_and_leaves_no_trace(tmp_path):
     folder = tmp_path / "new"
     preferences = Preferences.load(folder)
-    assert (preferences.recent_files, preferences.exposure, preferences.tooltips) == ([], 0.0, True)
+    assert (preferences.recent, preferences.exposure, preferences.tooltips) == ([], 0.0, True)
     assert preferences.problem == ""
     preferences.save()
     assert not folder.exists()
@@ -45,9 +45,9 @@ def test_values_survive(tmp_path):
     preferences.save()
     again = Preferences.load(tmp_path)
     assert again == preferences
-    assert again.recent_files == [str(tmp_path / "a.usda")]
+    assert again.recent == [str(tmp_path / "a.usda")]
     # Only what differs from the defaults is kept: they may change for those who never chose.
-    assert set(json.loads(again.path.read_text())) == {"exposure", "tooltips", "ocio_view", "recent_files"}
+    assert set(json.loads(again.path.read_text())) == {"exposure", "tooltips", "ocio_view", "recent"}
     again.tooltips = True
     again.save()
     assert "tooltips" not in json.loads(again.path.read_text())
@@ -59,13 +59,13 @@ def test_recent_files(tmp_path, monkeypatch):
     preferences = Preferences.load(tmp_path)
     for i in range(20):
         preferences.add_recent(f"{i}.usda")
-    assert len(preferences.recent_files) == RECENT_FILES
-    assert preferences.recent_files[0] == str(tmp_path / "19.usda")
+    assert len(preferences.recent) == RECENT_FILES
+    assert preferences.recent[0] == str(tmp_path / "19.usda")
     preferences.add_recent("15.usda")
-    assert [Path(f).stem for f in preferences.recent_files[:3]] == ["15", "19", "18"]
-    assert len(set(preferences.recent_files)) == RECENT_FILES
+    assert [Path(f).stem for f in preferences.recent[:3]] == ["15", "19", "18"]
+    assert len(set(preferences.recent)) == RECENT_FILES
     preferences.forget_recent("19.usda")
-    assert [Path(f).stem for f in preferences.recent_files[:2]] == ["15", "18"]
+    assert [Path(f).stem for f in preferences.recent[:2]] == ["15", "18"]
 
 
 def test_two_processes_do_not_undo_each_other(tmp_path):
@@ -78,11 +78,11 @@ def test_two_processes_do_not_undo_each_other(tmp_path):
     two.save()
     again = Preferences.load(tmp_path)
     assert (again.exposure, again.tooltips) == (2.0, False)
-    assert again.recent_files == [os.path.abspath("/two.usda"), os.path.abspath("/one.usda")]
+    assert again.recent == [os.path.abspath("/two.usda"), os.path.abspath("/one.usda")]
     # What one has forgotten does not come back from the file.
     two.forget_recent("/one.usda")
     two.save()
-    assert Preferences.load(tmp_path).recent_files == [os.path.abspath("/two.usda")]
+    assert Preferences.load(tmp_path).recent == [os.path.abspath("/two.usda")]
 
 
 def test_what_a_newer_version_wrote_stays(tmp_path):
@@ -126,8 +126,8 @@ def test_damaged_files_are_set_aside(tmp_path, content):
         ("exposure", float("inf")),
         ("tooltips", 1),
         ("tooltips", None),
-        ("recent_files", "a.usda"),
-        ("recent_files", ["a.usda", 3]),
+        ("recent", "a.usda"),
+        ("recent", ["a.usda", 3]),
         ("ocio_view", ["x"]),
         ("font_scale", 0.0),
         ("font_scale", 1e9),
@@ -143,7 +143,7 @@ def test_a_value_of_the_wrong_kind_is_the_default(tmp_path, name, value):
     preferences.add_recent("/a.usda")
     preferences.save()
     again = Preferences.load(tmp_path)
-    assert again.recent_files == [os.path.abspath("/a.usda")]
+    assert again.recent == [os.path.abspath("/a.usda")]
     assert again.problem == ""
 
 

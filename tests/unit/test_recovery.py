@@ -83,9 +83,10 @@ def test_a_killed_process_leaves_its_edits(start, tmp_path):
     assert recovery.pending() == []
     kill(process)
     (entry,) = recovery.pending()
-    assert entry.stage_path == os.path.abspath("/shots/a.usda")
-    assert abs(time.time() - entry.saved_at) < 60.0
-    assert recovery.take(entry) == RecoveryState(entry.stage_path, "edits of one", {"n": 1})
+    assert entry.stage == os.path.abspath("/shots/a.usda")
+    assert abs(time.time() - entry.saved_at.timestamp()) < 60.0
+    assert (entry.snapshot, entry.view) == ("edits of one", {"n": 1})
+    assert recovery.take(entry) == RecoveryState(entry.stage, "edits of one", {"n": 1})
     assert recovery.pending() == []
     recovery.forget(entry)
     assert list(tmp_path.iterdir()) == []
@@ -158,7 +159,7 @@ def test_it_is_saved_when_it_changed_and_not_too_often(tmp_path):
     def tick(now, state, force=False):
         return recovery.tick(lambda: calls.append(now) or state, now, force)
 
-    changed = RecoveryState(STATE.stage_path, STATE.snapshot + "more", STATE.view)
+    changed = RecoveryState(STATE.stage, STATE.snapshot + "more", STATE.view)
     assert tick(10.0, STATE)
     assert not tick(13.9, changed) and calls == [10.0]
     assert tick(14.0, changed) and calls == [10.0, 14.0]
@@ -167,8 +168,8 @@ def test_it_is_saved_when_it_changed_and_not_too_often(tmp_path):
     assert tick(18.2, STATE, force=True)
     (path,) = tmp_path.glob("*.json")
     content = json.loads(path.read_text())
-    assert (content["stage_path"], content["snapshot"], content["view"]) == (
-        STATE.stage_path,
+    assert (content["stage"], content["snapshot"], content["view"]) == (
+        STATE.stage,
         STATE.snapshot,
         STATE.view,
     )
@@ -207,14 +208,14 @@ def test_what_was_taken_is_offered_again_after_a_clean_exit(start, tmp_path):
 def test_relative_paths_become_absolute(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     recovery = Recovery(tmp_path / "r")
-    recovery.tick(lambda: RecoveryState("plume.usda", ""), 0.0)
+    recovery.tick(lambda: RecoveryState("plume.usda", "", {}), 0.0)
     (path,) = (tmp_path / "r").glob("*.json")
-    assert json.loads(path.read_text())["stage_path"] == str(tmp_path / "plume.usda")
+    assert json.loads(path.read_text())["stage"] == str(tmp_path / "plume.usda")
     recovery.close()
 
 
 @pytest.mark.parametrize(
-    "content", ["", "{", "[]", "{}", '{"stage_path": 1, "snapshot": "", "view": {}, "saved_at": 1.0}', "\0" * 9]
+    "content", ["", "{", "[]", "{}", '{"stage": 1, "snapshot": "", "view": {}, "saved_at": 1.0}', "\0" * 9]
 )
 def test_damaged_files_are_set_aside(tmp_path, content):
     (tmp_path / "session-1-x.json").write_text(content)
