@@ -215,7 +215,17 @@ def test_relative_paths_become_absolute(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "content", ["", "{", "[]", "{}", '{"stage": 1, "snapshot": "", "view": {}, "saved_at": 1.0}', "\0" * 9]
+    "content",
+    [
+        "",
+        "{",
+        "[]",
+        "{}",
+        "\0" * 9,
+        '{"stage": 1, "snapshot": "", "view": {}, "saved_at": 1.0}',
+        '{"stage": "", "snapshot": "", "view": {}, "saved_at": 1e300}',
+        '{"stage": "", "snapshot": "", "view": {}, "saved_at": NaN}',
+    ],
 )
 def test_damaged_files_are_set_aside(tmp_path, content):
     (tmp_path / "session-1-x.json").write_text(content)
