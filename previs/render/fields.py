@@ -6,7 +6,10 @@ trilinear filter of the texture unit gives the field as it is defined and nothin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from collections import OrderedDict
+from collections.abc import Hashable
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,6 +17,8 @@ from ..description import Field
 
 #: Largest edge of a 3D texture assumed when a plan is made without a device; GL 3.3 drivers in use offer this.
 DEFAULT_TEXTURE_LIMIT = 2048
+#: Memory for fields that were packed ahead and may be wanted again, bytes.
+STORE_MEMORY = 2**30
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +116,76 @@ def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, 
     box_to_index[:3, :3] = np.diag(cells * factor)
     box_to_index[3, :3] = (first + 0.5) * factor - 0.5
     return PackedField(values, scale, box_to_index, factor)
+
+
+@dataclass(eq=False)
+class _Stored:
+    ready: threading.Event = field(default_factory=threading.Event)
+    packed: PackedField | None = None
+
+
+class PackedStore:
+    """Fields packed ahead, by any thread, for draws to take. The oldest are dropped where `memory` bytes are exceeded.
+
+    A field is packed once: who wants one that another thread is packing waits for it.
+    """
+
+    def __init__(self, memory: int = STORE_MEMORY) -> None:
+        self._memory = memory
+        self._lock = threading.Lock()
+        self._stored: OrderedDict[Hashable, _Stored] = OrderedDict()
+
+    @staticmethod
+    def _key(f: Field, memory: int, texture_limit: int, components: int) -> Hashable:
+        return f.key, memory, texture_limit, components
+
+    def prepare(self, f: Field, memory: int, texture_limit: int, components: int) -> None:
+        """Pack a field and keep it, where it is not kept already; arguments as for `pack`."""
+        key = self._key(f, memory, texture_limit, components)
+        with self._lock:
+            held = self._stored.get(key)
+            if held is not None:
+                self._stored.move_to_end(key)
+                return
+            held = self._stored[key] = _Stored()
+        try:
+            held.packed = pack(f, memory, texture_limit, components)
+        except BaseException:
+            with self._lock:
+                self._stored.pop(key, None)
+            raise
+        finally:
+            held.ready.set()
+        with self._lock:
+            self._shrink()
+
+    def take(self, f: Field, memory: int, texture_limit: int, components: int) -> PackedField:
+        """A field packed ahead, or else packed now and not kept; arguments as for `pack`."""
+        key = self._key(f, memory, texture_limit, components)
+        with self._lock:
+            held = self._stored.get(key)
+            if held is not None:
+                self._stored.move_to_end(key)
+        if held is not None:
+            held.ready.wait()
+            if held.packed is not None:
+                return held.packed
+        return pack(f, memory, texture_limit, components)
+
+    def _shrink(self) -> None:
+        sizes = {key: s.packed.values.nbytes for key, s in self._stored.items() if s.packed is not None}
+        total = sum(sizes.values())
+        # The last one packed stays, however large: somebody is about to draw it.
+        for key in list(sizes)[:-1]:
+            if total <= self._memory:
+                break
+            total -= sizes[key]
+            del self._stored[key]
+
+    def clear(self) -> None:
+        """Drop all fields."""
+        with self._lock:
+            self._stored.clear()
 
 
 def _reduced(grid, lo: np.ndarray, hi: np.ndarray, factor: int) -> np.ndarray:

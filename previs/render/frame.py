@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import blackbody
 from . import uniforms
+from .fields import PackedStore
 from .pieces import Pace, Piece
 from .plan import Plan, density_weighting
 from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
@@ -45,24 +46,45 @@ UNITS = {
 BACKGROUND_DISTANCE = 1e30
 
 
+class Shared:
+    """What the renderers that share in one context have in common beyond their stores, and how many they are."""
+
+    def __init__(self, context: moderngl.Context) -> None:
+        self.shaders = ShaderCache(context, UNITS)
+        self.packed = PackedStore()
+        # moderngl binds the last used framebuffer again after making one, and must not find it released.
+        self.idle = context.simple_framebuffer((1, 1))
+        self.users: set[Frame] = set()
+
+    def release(self) -> None:
+        """Free everything."""
+        self.shaders.release()
+        self.packed.clear()
+        self.idle.release()
+
+
 class Frame:
     """The stores of a renderer together with the plan being drawn.
 
     Between two pieces of a pass anything may be drawn in the same context: nothing that is bound or enabled survives
     it, only textures, buffers and framebuffers do.
+
+    Args:
+        context: to draw in.
+        share: another frame of the same context, whose programs, voxels and meshes this one uses too.
     """
 
-    def __init__(self, context: moderngl.Context) -> None:
+    def __init__(self, context: moderngl.Context, share: Frame | None = None) -> None:
         self.context = context
-        # moderngl binds the last used framebuffer again after making one, and must not find it released.
-        self._idle = context.simple_framebuffer((1, 1))
-        self.shaders = ShaderCache(context, UNITS)
-        self.density = FieldAtlas(context, 1)
-        self.temperature = FieldAtlas(context, 1)
-        self.emission = FieldAtlas(context, 4)
+        self.shared = share.shared if share is not None else Shared(context)
+        self.shared.users.add(self)
+        self.shaders, packed = self.shared.shaders, self.shared.packed
+        self.density = FieldAtlas(context, 1, packed, share and share.density)
+        self.temperature = FieldAtlas(context, 1, packed, share and share.temperature)
+        self.emission = FieldAtlas(context, 4, packed, share and share.emission)
         self.maps = MapAtlas(context)
         self.shadows = ShadowAtlas(context)
-        self.meshes = MeshStore(context)
+        self.meshes = MeshStore(context, share and share.meshes)
         self.targets = Targets(context)
         self.pace = Pace(context)
         self._plan: Plan | None = None
@@ -180,11 +202,15 @@ class Frame:
             self.meshes.release()
         self.targets.keep(used | ({"march_other"} if len(plan.batches) * len(plan.slices) > 1 else set()))
 
+    def field_serials(self) -> tuple[int, ...]:
+        """Numbers that move when the voxels held are no longer those that were uploaded for this frame."""
+        return tuple(atlas.serial for atlas in (self.density, self.temperature, self.emission))
+
     def rest(self) -> None:
         """Leave no framebuffer bound that may be released, but the window's where there is one, and nothing enabled
         that a user interface drawn in the same context would have to know of."""
         self.context.enable_only(moderngl.NOTHING)
-        (self.context.screen or self._idle).use()
+        (self.context.screen or self.shared.idle).use()
 
     def release_scene(self) -> None:
         """Free what belongs to a scene."""
@@ -201,13 +227,14 @@ class Frame:
             store.release()
 
     def release(self) -> None:
-        """Free everything."""
+        """Free everything but what others share."""
         self.release_scene()
-        self.shaders.release()
+        self.shared.users.discard(self)
         for buffer in self._buffers.values():
             buffer.release()
         self._buffers.clear()
         if self._blackbody is not None:
             self._blackbody.release()
         self._blackbody = None
-        self._idle.release()
+        if not self.shared.users:
+            self.shared.release()

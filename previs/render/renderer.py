@@ -10,12 +10,13 @@ from contextlib import closing
 import moderngl
 import numpy as np
 
-from ..description import Camera, Note
+from ..description import Camera, Note, SceneDescription
 from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
 from ..settings import Settings
 from .context import check_errors, create_context, is_software
+from .fields import field_dims
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
 from .plan import DeviceLimits, Plan, PlannedPass, make_plan
@@ -34,18 +35,28 @@ class Renderer:
 
     Args:
         context: an OpenGL 3.3 context to draw in; None makes one without a window, which the renderer then owns.
+        share: another renderer, whose context, compiled shaders, voxels and meshes this one uses too. Maps, images and
+            what is out of date stay apart, so that each keeps its own for its plans: two sizes, two qualities. They may
+            be released in any order; a context that the first one made goes with the last.
 
     Raises:
         ContextError: when no context can be made.
+        ValueError: when the renderer to share with was released, or has another context.
     """
 
-    def __init__(self, context: moderngl.Context | None = None) -> None:
-        self._owns_context = context is None
+    def __init__(self, context: moderngl.Context | None = None, share: Renderer | None = None) -> None:
+        if share is not None:
+            if share.context is None:
+                raise ValueError("the renderer to share with was released")
+            if context is not None and context is not share.context:
+                raise ValueError("renderers share in one context only")
+            context = share.context
+        self._owns_context = context is None if share is None else share._owns_context
         self.context = context or create_context()
         with self.context:
             # Asked once: outside a frame the context is not current, and a query would return nothing.
             info = self.context.info
-            self._frame = Frame(self.context)
+            self._frame = Frame(self.context, share and share._frame)
             self.is_software: bool = is_software(self.context)
         self.device: str = info["GL_RENDERER"]
         texture_size = min(info["GL_MAX_TEXTURE_SIZE"], *info["GL_MAX_VIEWPORT_DIMS"][:2])
@@ -214,38 +225,53 @@ class Renderer:
         pending = self.stale(plan)
         whole = sum(weights[name] for name in pending)
         finished = reached = 0.0
-        for p in plan.passes:
-            if self._is_current(p):
-                continue
-            # A pass that does not come to its end must run again.
-            self._states.pop(p.name, None)
-            seconds, begin = 0.0, time.perf_counter()
-            try:
-                for part in RUNNERS[p.kind](frame, p):
-                    check_errors(self.context, p.name)
-                    seconds += time.perf_counter() - begin
-                    if part < 1.0:
-                        reached = max(reached, min((finished + part * weights[p.name]) / whole, 1.0))
-                        yield reached
-                    begin = time.perf_counter()
-                if times is not None:
-                    self.context.finish()
-                    seconds += time.perf_counter() - begin
-                    times[p.name] = times.get(p.name, 0.0) + seconds
-            except (ShaderError, moderngl.Error, MemoryError, RuntimeError) as error:
-                raise PrevisError(f"{p.name}: {type(error).__name__}: {error}") from error
-            self._states[p.name] = (self._wanted(p), next(self._serial))
-            self._weights[p.kind] = seconds
-            self.executed.append(p.name)
-            finished += weights[p.name]
-            if p is not plan.passes[-1]:
-                reached = max(reached, min(finished / whole, 1.0))
-                yield reached
+        again = True
+        while again:
+            again = False
+            for p in plan.passes:
+                if self._is_current(p):
+                    continue
+                # A pass that does not come to its end must run again.
+                self._states.pop(p.name, None)
+                seconds, begin = 0.0, time.perf_counter()
+                try:
+                    for part in RUNNERS[p.kind](frame, p):
+                        check_errors(self.context, p.name)
+                        seconds += time.perf_counter() - begin
+                        if part < 1.0:
+                            reached = max(reached, min((finished + part * weights[p.name]) / whole, 1.0))
+                            yield reached
+                            if again := not self._has_fields(plan):
+                                break
+                        begin = time.perf_counter()
+                    if times is not None:
+                        self.context.finish()
+                        seconds += time.perf_counter() - begin
+                        times[p.name] = times.get(p.name, 0.0) + seconds
+                except (ShaderError, moderngl.Error, MemoryError, RuntimeError) as error:
+                    raise PrevisError(f"{p.name}: {type(error).__name__}: {error}") from error
+                if again:
+                    break
+                self._states[p.name] = (self._wanted(p), next(self._serial))
+                self._weights[p.kind] = seconds
+                self.executed.append(p.name)
+                finished += weights[p.name]
+                if p is not plan.passes[-1]:
+                    reached = max(reached, min(finished / whole, 1.0))
+                    yield reached
+                    if again := not self._has_fields(plan):
+                        break
         yield 1.0
+
+    def _has_fields(self, plan: Plan) -> bool:
+        """Whether the voxels are still there after a yield: a renderer that shares them may have put others there."""
+        uploads = [p for p in plan.passes if p.kind == "fields" and p.name in self._states]
+        return all(self._is_current(p) for p in uploads)
 
     def _wanted(self, p: PlannedPass) -> Hashable:
         """What a pass depends on, as it is now."""
-        return p.depends, tuple(self._states[i][1] for i in p.inputs)
+        held = self._frame.field_serials() if p.kind == "fields" else ()
+        return p.depends, tuple(self._states[i][1] for i in p.inputs), held
 
     def _is_current(self, p: PlannedPass) -> bool:
         held = self._states.get(p.name)
@@ -311,6 +337,36 @@ class Renderer:
         color, alpha, depth = planes.pop("color"), planes.pop("alpha"), planes.pop("depth")
         return Image(color, alpha, depth, planes, stats)
 
+    def prepare(
+        self,
+        description: SceneDescription,
+        settings: Settings | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Pack the voxels of a scene for the GPU, without OpenGL and from any thread; later draws, also of renderers
+        that share with this one, find them and only upload.
+
+        Args:
+            description: the scene at one time.
+            settings: the knobs that it will be drawn with; None takes the defaults.
+            progress: called with the part that is done, in [0, 1]; an exception it raises stops the work.
+        """
+        memory = (settings or Settings()).field_memory * 2**20
+        wanted = [
+            (f, components)
+            for volume in description.volumes.values()
+            if any(s > 0.0 for s in volume.medium.strength)
+            for f, components in ((volume.density, 1), (volume.temperature, 1), (volume.emission, 4))
+            if f is not None and f.grid.active_count
+        ]
+        sizes = [max(int(field_dims(f).prod()), 1) for f, _ in wanted]
+        for number, (f, components) in enumerate(wanted):
+            if progress is not None:
+                progress(sum(sizes[:number]) / sum(sizes))
+            self._frame.shared.packed.prepare(f, memory, self.limits.texture_3d_size, components)
+        if progress is not None:
+            progress(1.0)
+
     def forget_scene(self) -> None:
         """Free what belongs to the scene last rendered; compiled shaders stay."""
         self._stop()
@@ -355,13 +411,13 @@ class Renderer:
         return planes
 
     def release(self) -> None:
-        """Free all resources, and the context if the renderer made it."""
+        """Free all resources but those that others share, and the context if a renderer made it."""
         if self.context is None:
             return
         self._stop()
         with self.context:
             self._frame.release()
-        if self._owns_context:
+        if self._owns_context and not self._frame.shared.users:
             self.context.release()
         self.context = None
 

@@ -6,14 +6,15 @@ passes do.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import moderngl
 import numpy as np
 
 from ..description import Field, Geometry, Mesh
-from .fields import PackedField, pack
+from .fields import PackedField, PackedStore
 from .plan import Plan, map_layers
 
 NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
@@ -81,54 +82,95 @@ def pack_boxes(
     return best[1], best[2]
 
 
-class FieldAtlas:
-    """All fields of one role (density, temperature, emission) in one 3D texture; equal fields share their voxels."""
+@dataclass(eq=False)
+class _Voxels:
+    """One 3D texture, the blocks in it, and the atlases that use it. `serial` moves when its content does."""
 
-    def __init__(self, context: moderngl.Context, components: int) -> None:
-        self._context = context
-        self._components = components
-        self.texture: moderngl.Texture3D | None = None
+    texture: moderngl.Texture3D | None = None
+    blocks: dict[Hashable, PackedField] = field(default_factory=dict)
+    corners: dict[Hashable, tuple[int, int, int]] = field(default_factory=dict)
+    serial: int = 0
+    users: set[FieldAtlas] = field(default_factory=set)
+
+    def free(self) -> None:
+        if self.texture is not None:
+            self.texture.release()
+            self.serial = next(_serials)
+        self.texture, self.blocks, self.corners = None, {}, {}
+
+
+_serials = itertools.count(1)
+
+
+class FieldAtlas:
+    """All fields of one role (density, temperature, emission) in one 3D texture; equal fields share their voxels.
+
+    Args:
+        context: to make the texture in.
+        components: of a texel, 1 or 4.
+        packed: where packed fields are taken from.
+        share: another atlas of the same context and components, whose texture this one uses too. Whoever asks for
+            other fields replaces its content; `serial` tells.
+    """
+
+    def __init__(
+        self, context: moderngl.Context, components: int, packed: PackedStore, share: FieldAtlas | None = None
+    ) -> None:
+        self._context, self._components, self._packed = context, components, packed
+        self._voxels = share._voxels if share is not None else _Voxels()
         self.placements: dict[str, Placement] = {}
-        self._blocks: dict[Hashable, PackedField] = {}
-        self._packing: Hashable = None
+
+    @property
+    def texture(self) -> moderngl.Texture3D | None:
+        """The texture; None where nothing is held."""
+        return self._voxels.texture if self in self._voxels.users else None
+
+    @property
+    def serial(self) -> int:
+        """A number that moves when the texture is made anew, by whomever; 0 while this atlas holds no fields."""
+        return self._voxels.serial if self in self._voxels.users else 0
 
     def update(self, fields: dict[str, Field], memory: int, limit: int) -> None:
-        """Hold exactly these fields (by volume path); upload only when a field entered or left."""
-        blocks = {}
-        for f in fields.values():
-            key = (f.key, memory)
-            blocks[key] = self._blocks.get(key) or pack(f, memory, limit, self._components)
-        packing = frozenset(blocks), limit
-        if packing != self._packing:
-            self._upload(blocks, limit)
-        self._blocks, self._packing = blocks, packing
-        atlas = np.array(self.texture.size, float) if self.texture else np.ones(3)
+        """Hold these fields (by volume path) and no others, but for those that somebody else uses; upload only when a
+        field entered or left."""
+        if not fields:
+            self.release()
+            return
+        voxels = self._voxels
+        wanted = {(f.key, memory, limit): f for f in fields.values()}
+        shared = bool(voxels.users - {self})
+        voxels.users.add(self)
+        if set(wanted) - set(voxels.blocks) if shared else set(wanted) != set(voxels.blocks):
+            self._upload(
+                {k: voxels.blocks.get(k) or self._packed.take(f, *k[1:], self._components) for k, f in wanted.items()},
+                limit,
+            )
+        atlas = np.array(voxels.texture.size, float)
         self.placements = {}
         for path, f in fields.items():
-            block = blocks[(f.key, memory)]
+            key = (f.key, memory, limit)
+            block = voxels.blocks[key]
             size = np.array(block.size, float)
             # The block's transform belongs to the field that was packed; this one may sit elsewhere.
             box_to_local = block.box_to_index @ np.asarray(f.index_to_local, float)
-            corner = np.array(self._corners[(f.key, memory)], float)
+            corner = np.array(voxels.corners[key], float)
             self.placements[path] = Placement((size - 1.0) / atlas, (corner + 0.5) / atlas, block.scale, box_to_local)
 
     def _upload(self, blocks: dict[Hashable, PackedField], limit: int) -> None:
-        self.release()
-        if not blocks:
-            return
+        voxels = self._voxels
+        voxels.free()
         keys = list(blocks)
         size, corners = pack_boxes([blocks[k].size for k in keys], limit)
-        self._corners = dict(zip(keys, corners, strict=True))
         if len(keys) == 1:
-            self.texture = self._context.texture3d(size, self._components, self._shaped(blocks[keys[0]]), dtype="f2")
+            texture = self._context.texture3d(size, self._components, self._shaped(blocks[keys[0]]), dtype="f2")
         else:
-            self.texture = self._context.texture3d(size, self._components, dtype="f2")
-            for key in keys:
-                block = blocks[key]
-                viewport = (*self._corners[key], *block.size)
-                self.texture.write(self._shaped(block), viewport=viewport)
-        self.texture.filter = LINEAR
-        self.texture.repeat_x = self.texture.repeat_y = self.texture.repeat_z = False
+            texture = self._context.texture3d(size, self._components, dtype="f2")
+            for key, corner in zip(keys, corners, strict=True):
+                texture.write(self._shaped(blocks[key]), viewport=(*corner, *blocks[key].size))
+        texture.filter = LINEAR
+        texture.repeat_x = texture.repeat_y = texture.repeat_z = False
+        voxels.texture, voxels.blocks, voxels.serial = texture, blocks, next(_serials)
+        voxels.corners = dict(zip(keys, corners, strict=True))
 
     def _shaped(self, block: PackedField) -> np.ndarray:
         """The block's values with the atlas's number of components."""
@@ -140,10 +182,10 @@ class FieldAtlas:
         return np.ascontiguousarray(values)
 
     def release(self) -> None:
-        """Free the texture."""
-        if self.texture is not None:
-            self.texture.release()
-        self.texture, self._packing, self._corners = None, None, {}
+        """Hold nothing; the texture goes with its last user."""
+        self._voxels.users.discard(self)
+        if not self._voxels.users:
+            self._voxels.free()
         self.placements = {}
 
 
@@ -237,43 +279,61 @@ class _GeometryBuffers:
 
 @dataclass(eq=False)
 class _InstanceBuffer:
-    key: Hashable
     buffer: moderngl.Buffer
     count: int
 
 
-class MeshStore:
-    """Vertex buffers by geometry and instance matrices by mesh."""
+@dataclass(eq=False)
+class _Shapes:
+    """The buffers of all stores that share them: vertices by geometry, matrices by instances and origin."""
 
-    def __init__(self, context: moderngl.Context) -> None:
+    geometries: dict[Hashable, _GeometryBuffers] = field(default_factory=dict)
+    instances: dict[Hashable, _InstanceBuffer] = field(default_factory=dict)
+    users: set[MeshStore] = field(default_factory=set)
+
+    def free_unused(self) -> None:
+        geometries = {key for user in self.users for key in user.geometries}
+        instances = {key for user in self.users for key in user.instances.values()}
+        for key in set(self.geometries) - geometries:
+            buffers = self.geometries.pop(key)
+            buffers.vertices.release()
+            buffers.indices.release()
+        for key in set(self.instances) - instances:
+            self.instances.pop(key).buffer.release()
+
+
+class MeshStore:
+    """Vertex buffers by geometry and instance matrices by mesh.
+
+    Args:
+        context: to make the buffers in.
+        share: another store of the same context: what both hold is there once.
+    """
+
+    def __init__(self, context: moderngl.Context, share: MeshStore | None = None) -> None:
         self._context = context
-        self._geometries: dict[Hashable, _GeometryBuffers] = {}
-        self._instances: dict[str, _InstanceBuffer] = {}
+        self._shapes = share._shapes if share is not None else _Shapes()
+        self._shapes.users.add(self)
+        #: Keys of what this store holds: geometries, and instances by the path of their mesh.
+        self.geometries: set[Hashable] = set()
+        self.instances: dict[str, Hashable] = {}
 
     def update(self, meshes: Sequence[Mesh], origin: np.ndarray) -> None:
         """Hold exactly these meshes, their instances placed relative to `origin`."""
-        wanted = {m.geometry.key: m.geometry for m in meshes if len(m.geometry.triangles)}
-        for key in set(self._geometries) - set(wanted):
-            buffers = self._geometries.pop(key)
-            buffers.vertices.release()
-            buffers.indices.release()
-        for key, geometry in wanted.items():
-            if key not in self._geometries:
-                self._geometries[key] = self._upload(geometry)
-        paths = {m.path for m in meshes}
-        for path in set(self._instances) - paths:
-            self._instances.pop(path).buffer.release()
+        shapes = self._shapes
+        shapes.users.add(self)
+        self.geometries = {m.geometry.key for m in meshes if len(m.geometry.triangles)}
+        self.instances = {m.path: (m.parts()["shape"], origin.tobytes()) for m in meshes}
+        shapes.free_unused()
         for mesh in meshes:
-            key = (mesh.parts()["shape"], origin.tobytes())
-            held = self._instances.get(mesh.path)
-            if held is not None and held.key == key:
-                continue
-            if held is not None:
-                held.buffer.release()
-            matrices = np.array(mesh.local_to_world, float).reshape(-1, 4, 4)
-            matrices[:, 3, :3] -= origin
-            data = matrices.astype(np.float32).tobytes()
-            self._instances[mesh.path] = _InstanceBuffer(key, self._context.buffer(data), len(matrices))
+            geometry, key = mesh.geometry, self.instances[mesh.path]
+            if geometry.key in self.geometries and geometry.key not in shapes.geometries:
+                shapes.geometries[geometry.key] = self._upload(geometry)
+            if key not in shapes.instances:
+                matrices = np.array(mesh.local_to_world, float).reshape(-1, 4, 4)
+                matrices[:, 3, :3] -= origin
+                data = matrices.astype(np.float32).tobytes()
+                shapes.instances[key] = _InstanceBuffer(self._context.buffer(data), len(matrices))
 
     def _upload(self, geometry: Geometry) -> _GeometryBuffers:
         count = len(geometry.points)
@@ -286,23 +346,20 @@ class MeshStore:
 
     def draw(self, mesh: Mesh, program: moderngl.Program, layout: str, attributes: Sequence[str]) -> None:
         """Draw all instances of a mesh. `layout` and `attributes` name what the program reads of a vertex."""
-        if mesh.geometry.key not in self._geometries:
+        if mesh.geometry.key not in self.geometries:
             return
-        buffers, instances = self._geometries[mesh.geometry.key], self._instances[mesh.path]
+        buffers = self._shapes.geometries[mesh.geometry.key]
+        instances = self._shapes.instances[self.instances[mesh.path]]
         content = [(buffers.vertices, layout, *attributes), (instances.buffer, "16f4/i", "in_instance")]
         vertex_array = self._context.vertex_array(program, content, index_buffer=buffers.indices)
         vertex_array.render(instances=instances.count)
         vertex_array.release()
 
     def release(self) -> None:
-        """Free all buffers."""
-        for buffers in self._geometries.values():
-            buffers.vertices.release()
-            buffers.indices.release()
-        for instances in self._instances.values():
-            instances.buffer.release()
-        self._geometries.clear()
-        self._instances.clear()
+        """Hold nothing; buffers go with their last user."""
+        self.geometries, self.instances = set(), {}
+        self._shapes.users.discard(self)
+        self._shapes.free_unused()
 
 
 class Targets:
