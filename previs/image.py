@@ -39,18 +39,27 @@ class Image:
         width, height = self.size
         return f"<Image {width}×{height}: {', '.join(('color', 'alpha', 'depth', *self.aovs))}>"
 
-    def save(self, path: str | PathLike[str], exposure: float | str = 0.0, color_correction: str = "sRGB") -> None:
+    def save(
+        self,
+        path: str | PathLike[str],
+        exposure: float | str = 0.0,
+        color_correction: str = "sRGB",
+        ocio_display: str | None = None,
+        ocio_view: str | None = None,
+    ) -> None:
         """Write the picture; the ending picks the format: .exr linear with all planes, .png or .jpg for display.
 
         Args:
             path: file to write; it is written beside and renamed, so an existing file is never half replaced.
             exposure: stops applied to display formats, or "auto".
             color_correction: "disabled", "sRGB" or "openColorIO", for display formats.
+            ocio_display, ocio_view: names of an OpenColorIO display and of a view of it; None takes the default.
 
         Raises:
-            PrevisError: when the format is unknown or the file cannot be written.
+            PrevisError: when the format is unknown, the config has no such display or view, or the file cannot be
+                written.
             ValueError: for another exposure or color_correction.
         """
         from .io import save_image
 
-        save_image(self, path, exposure=exposure, color_correction=color_correction)
+        save_image(self, path, exposure, color_correction, ocio_display, ocio_view)

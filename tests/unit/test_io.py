@@ -326,7 +326,7 @@ def test_names_that_the_config_does_not_have(built_in, names, message):
 
 def test_the_view_reaches_the_file(built_in, tmp_path):
     made = image()
-    save_image(made, tmp_path / "a.png", 0.5, "openColorIO", ocio_view="Raw")
+    made.save(tmp_path / "a.png", 0.5, "openColorIO", ocio_view="Raw")
     stored, _ = load_color(tmp_path / "a.png")
     np.testing.assert_allclose(stored, (made.color * 2.0**0.5).clip(0.0, 1.0), atol=0.5 / 255 + 1e-5)
 
