@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, TypeVar
 
 from numpy.typing import ArrayLike
-from pxr import Usd, UsdGeom, UsdUtils, UsdVol
+from pxr import Usd, UsdGeom, UsdVol
 
 from ..description import Camera, Medium, SceneDescription
 from ..errors import PrevisError
@@ -32,6 +32,7 @@ from ..stage.render_settings import read_knobs
 from ..stage.values import time_code
 from .arguments import Vector
 from .building import SceneBuilder
+from .files import missing_layers, overrides_for, read_overrides, reload_layers
 from .knobs import author_setting, known_setting, reset_settings
 from .light import (
     LightValues,
@@ -121,13 +122,17 @@ class Scene(SceneBuilder):
         """The reader behind `describe`; its `counters` tell what was read."""
         return self._reader
 
-    def describe(self, time: float | None = None) -> SceneDescription:
+    def describe(
+        self, time: float | None = None, progress: Callable[[float, str], None] | None = None
+    ) -> SceneDescription:
         """The scene as the renderer sees it, at a time code (None: the earliest; NaN: USD's default time).
 
-        Only what changed since the last call is read again. Raises `PrevisError` when a volume cannot be read.
+        Only what changed since the last call is read again. `progress` is called before each prim that is read, with
+        the done part in [0, 1] and the prim's path; what it raises ends the reading, and the next one goes on from
+        there. Raises `PrevisError` when a volume cannot be read.
         """
         _ = self.stage
-        return self._reader.read(time)
+        return self._reader.read(time, progress)
 
     def camera(self, name: str | None = None, time: float | None = None) -> Camera | None:
         """A camera by prim path or name; without a name the stage's default one, None where it has no camera.
@@ -395,15 +400,39 @@ class Scene(SceneBuilder):
     def save_overrides(self, path: FilePath) -> None:
         """Write the edits of an opened scene, its session layer, to a file that `Scene.open` takes as `session_layer`.
 
-        Voxels added since go to .vdb files beside it. Raises ValueError for a scene that was not opened from a file
-        (use `save`), and what `save` raises.
+        A session layer that the scene was opened with is part of it, and what the file holds already where the
+        stage has it as a sublayer: over the stage the file gives the same picture. Voxels added since go to .vdb
+        files beside it. Raises ValueError for a scene that was not opened from a file (use `save`), `PrevisError` for
+        a file that the stage itself is in, and what `save` raises.
         """
         self._require_opened("save() writes all of it")
         with quiet_diagnostics():
-            # The file may be the very session layer that the stage was opened with: its content and the edits become
-            # one layer.
-            edits = Usd.Stage.Open(self.stage.GetSessionLayer(), load=Usd.Stage.LoadNone)
-            export(UsdUtils.FlattenLayerStack(edits), Path(path), self._voxel_files)
+            export(overrides_for(self.stage, Path(path)), Path(path), self._voxel_files)
+
+    def load_overrides(self, path: FilePath) -> None:
+        """Put what a file of overrides holds in the place of the present edits.
+
+        Raises ValueError for a scene that was not opened from a file, `PrevisError` for a file that is missing or
+        damaged.
+        """
+        self._require_opened()
+        self._edits.replace(read_overrides(path))
+
+    def files(self) -> tuple[str, ...]:
+        """The files that the scene depends on: layers and .vdb files of the time described last, missing ones too."""
+        return tuple(dict.fromkeys((*self._reader.files(), *missing_layers(self.stage))))
+
+    def reload(self) -> None:
+        """Read again, with the next `describe`, what changed on disk; the edits stay.
+
+        Raises `PrevisError`, which names a layer that is gone or damaged; what was read of it before stays, and the
+        others are read all the same.
+        """
+        stage = self.stage
+        self._reader.recheck_files()
+        # A stage without the edits does not look for layers that were missing.
+        self._edits.close()
+        reload_layers(stage)
 
     def close(self) -> None:
         """Release the stage and remove the temporary voxel files. Closing twice does nothing."""

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import os
 import tempfile
+import threading
 from collections import Counter, OrderedDict
 from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pxr import Ar, Usd
+from pxr import Ar, Sdf, Usd
 
 from .. import vdb
 from ..description import Note, SparseGrid
@@ -38,51 +39,104 @@ class LoadedGrid:
         return int(self.grid.leaf_values.nbytes + self.grid.leaf_active.nbytes)
 
 
+@dataclass(frozen=True)
+class GridRequest:
+    """A grid that a field prim names at some time: all that is needed to read it without USD."""
+
+    prim: str
+    file: str
+    name: str
+    index: int | None
+
+
 class GridCache:
-    """Grids by (file, its modification time and size, grid name, field index); the longest unused go first."""
+    """Grids by (file, its modification time and size, grid name, field index); the longest unused go first.
+
+    `load` may be called from any thread; a grid that two threads ask for is read once.
+    """
 
     def __init__(self, counters: Counter[str], limit: int = CACHE_BYTES) -> None:
         self._grids: OrderedDict[Hashable, LoadedGrid] = OrderedDict()
         self._used: set[Hashable] = set()
         self._counters = counters
         self._limit = limit
+        self._lock = threading.Lock()
+        self._loading: dict[Hashable, threading.Event] = {}
+        self._reading = False
 
     def begin(self) -> None:
-        """Start a reading: from here on every grid that is asked for is in the picture."""
-        self._used.clear()
+        """Start a reading: from here on every grid that is used is in the picture."""
+        with self._lock:
+            self._used.clear()
+            self._reading = True
 
     def use(self, key: Hashable) -> None:
-        """Say that a grid is in the picture although nobody asked for it anew."""
-        self._used.add(key)
+        """Say that a grid is in the picture."""
+        with self._lock:
+            self._used.add(key)
 
     def end(self) -> None:
         """Drop what is over the limit and not in the picture."""
+        with self._lock:
+            self._reading = False
+            self._evict()
+
+    def _evict(self) -> None:
         total = sum(g.nbytes for g in self._grids.values())
-        for key in list(self._grids):
+        # The newest stays even when it is too large alone: somebody has just asked for it.
+        for key in list(self._grids)[:-1]:
             if total <= self._limit:
                 break
             if key not in self._used:
                 total -= self._grids.pop(key).nbytes
 
+    def forget_changed(self) -> None:
+        """Drop the grids whose files are other ones by now."""
+        with self._lock:
+            for key in [key for key, grid in self._grids.items() if not is_current(key, grid.file)]:
+                del self._grids[key]
+
+    def holds(self, resolved: str, name: str, index: int | None) -> bool:
+        """Whether a grid is in memory, as its file is now."""
+        try:
+            key = (*_identity(resolved), name, index)
+        except PrevisError:
+            return False
+        with self._lock:
+            return key in self._grids
+
     def load(self, resolved: str, name: str, index: int | None) -> LoadedGrid:
         """The grid of a file. Raises `PrevisError` without a prim path: the caller knows whose field it is."""
         key = (*_identity(resolved), name, index)
-        self._used.add(key)
-        found = self._grids.get(key)
-        if found is None:
+        while True:
+            with self._lock:
+                found = self._grids.get(key)
+                if found is not None:
+                    self._grids.move_to_end(key)
+                    return found if found.file == resolved else replace(found, file=resolved)
+                other = self._loading.get(key)
+                if other is None:
+                    self._loading[key] = threading.Event()
+                    break
+            other.wait()
+        try:
             grid, notes = _pick(_read_file(resolved, name), resolved, index)
-            self._counters["grids"] += 1
             grid, repairs = cleaned(grid)
-            found = self._grids[key] = LoadedGrid(key, resolved, grid, notes + repairs)
-        self._grids.move_to_end(key)
-        return found if found.file == resolved else replace(found, file=resolved)
+            loaded = LoadedGrid(key, resolved, grid, notes + repairs)
+            with self._lock:
+                self._counters["grids"] += 1
+                self._grids[key] = loaded
+                # A reading says only at its end what it uses.
+                if not self._reading:
+                    self._evict()
+            return loaded
+        finally:
+            with self._lock:
+                self._loading.pop(key).set()
 
 
-def read_field(prim: Usd.Prim, time: Usd.TimeCode, grids: GridCache) -> tuple[LoadedGrid, list[Note]]:
-    """The grid that an OpenVDBAsset names at a time, with the notes about it.
-
-    Raises `PrevisError`, which names the prim, the file and, for a wrong name, the grids that the file has.
-    """
+def grid_request(prim: Usd.Prim, time: Usd.TimeCode) -> GridRequest:
+    """What an OpenVDBAsset names at a time. Raises `PrevisError`, which names the prim, when there is no such file."""
     asset = attribute_value(prim, "filePath", time)
     if asset is None or not asset.path:
         raise PrevisError(f"{prim.GetPath()}: has no filePath at this time; author the path of a .vdb file")
@@ -92,10 +146,41 @@ def read_field(prim: Usd.Prim, time: Usd.TimeCode, grids: GridCache) -> tuple[Lo
     name = str(attribute_value(prim, "fieldName", time, "") or "")
     index_attribute = prim.GetAttribute("fieldIndex")
     index = index_attribute.Get(time) if index_attribute else None
+    return GridRequest(str(prim.GetPath()), resolved, name, None if index is None else int(index))
+
+
+def fetch_grid(request: GridRequest, grids: GridCache) -> LoadedGrid:
+    """The grid of a request. Raises `PrevisError`, which names the prim, the file and the cause."""
     try:
-        loaded = grids.load(resolved, name, None if index is None else int(index))
+        return grids.load(request.file, request.name, request.index)
     except PrevisError as error:
-        raise PrevisError(f"{prim.GetPath()}: {error}") from error
+        raise PrevisError(f"{request.prim}: {error}") from error
+
+
+def named_file(prim: Usd.Prim, time: Usd.TimeCode) -> str | None:
+    """The file on disk that an OpenVDBAsset names at a time, whether it exists or not; None for no file."""
+    asset = attribute_value(prim, "filePath", time)
+    if asset is None or not asset.path:
+        return None
+    path = asset.resolvedPath
+    if not path:
+        stack = prim.GetAttribute("filePath").GetPropertyStack(time)
+        path = Sdf.ComputeAssetPathRelativeToLayer(stack[0].layer, asset.path) if stack else asset.path
+    return outer_file(path)
+
+
+def outer_file(path: str) -> str:
+    """The file that a path leads into: for one inside a package the package."""
+    return Ar.SplitPackageRelativePathOuter(path)[0] if Ar.IsPackageRelativePath(path) else path
+
+
+def read_field(prim: Usd.Prim, time: Usd.TimeCode, grids: GridCache) -> tuple[LoadedGrid, list[Note]]:
+    """The grid that an OpenVDBAsset names at a time, with the notes about it.
+
+    Raises `PrevisError`, which names the prim, the file and, for a wrong name, the grids that the file has.
+    """
+    loaded = fetch_grid(grid_request(prim, time), grids)
+    grids.use(loaded.key)
     notes = [Note(kind, str(prim.GetPath()), message) for kind, message in loaded.notes]
     if (
         attribute_value(prim, "fieldClass", time) == "levelSet"

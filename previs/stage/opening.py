@@ -33,10 +33,10 @@ def open_stage(
     """
     name = os.fspath(path)
     with quiet_diagnostics():
-        root = _open_layer(name)
+        root = open_layer(name)
         session = Sdf.Layer.CreateAnonymous("session.usda")
         if session_layer is not None:
-            layer = _open_layer(os.fspath(session_layer))
+            layer = open_layer(os.fspath(session_layer))
             # The session layer is in no folder, so a relative path would mean another file later.
             session.subLayerPaths.append(layer.realPath or layer.identifier)
         paths = [mask] if isinstance(mask, str) else list(mask or ())
@@ -62,7 +62,8 @@ def open_stage(
     return stage
 
 
-def _open_layer(name: str) -> Sdf.Layer:
+def open_layer(name: str) -> Sdf.Layer:
+    """The layer in a file. Raises `PrevisError`, one line that names it, when it is missing, no USD or damaged."""
     if os.path.isdir(name):
         raise PrevisError(f"{name}: is a folder, not a USD file")
     resolved = Ar.GetResolver().Resolve(name)

@@ -8,8 +8,9 @@ from caches of their own, which only a change of the properties behind them empt
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -17,11 +18,12 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux, UsdVol
 
 from ..description import Camera, Light, Mesh, Note, SceneDescription, Volume
+from ..errors import PrevisError
 from .camera import read_camera
 from .changes import ChangeTracker
 from .context import Context, Placement, Translation
 from .diagnostics import quiet_diagnostics
-from .field import GridCache, is_current
+from .field import GridCache, GridRequest, LoadedGrid, fetch_grid, grid_request, is_current, named_file, outer_file
 from .geometry import GeometryCache
 from .instancing import is_visible_purpose, prototype_path, read_point_instancer
 from .light import is_light, read_light
@@ -31,7 +33,7 @@ from .primitives import is_primitive
 from .render_settings import RenderSettings, read_knobs, render_settings_of, settings_prim
 from .values import numpy_matrix, time_code
 from .variation import Variation
-from .volume import read_homogeneous_shape, read_volume
+from .volume import USED_FIELDS, read_homogeneous_shape, read_volume
 
 #: A light whose radius is more than this part of the scene's diagonal is noted as reduced to its centre.
 LARGE_LIGHT = 0.05
@@ -42,6 +44,7 @@ RENDERING_COLOR_SPACES = ("lin_rec709", "lin_rec709_scene", "lin_srgb")
 _MEDIUM_SHAPES = ("Cube", "Sphere", "Capsule")
 
 Time = float | Usd.TimeCode | None
+Progress = Callable[[float, str], None]
 
 
 class StageReader:
@@ -77,6 +80,7 @@ class StageReader:
         self._time: Usd.TimeCode | None = None
         self._stage_notes: list[Note] = []
         self._scene: SceneDescription | None = None
+        self._recheck = False
 
     @property
     def pending(self) -> bool:
@@ -117,17 +121,90 @@ class StageReader:
         """The knobs of `previs.settings.TABLE` that the stage authors; what is wrong with others is in the notes."""
         return read_knobs(self.stage, self.settings_prim())[0]
 
-    def read(self, time: Time = None) -> SceneDescription:
+    def read(self, time: Time = None, progress: Progress | None = None) -> SceneDescription:
         """Everything in the stage at a time code that a renderer may use.
 
         `time` is a number, a Usd.TimeCode, None for the earliest time (as usdrecord renders a stage without frames),
         or NaN for USD's default time, which knows no animation. Raises `PrevisError`, one line that names the prim,
         the file and the cause, when a volume cannot be read and the reader does not keep going.
+
+        `progress` is called before each prim that is read with the done part in [0, 1], measured by the sizes of
+        files, and the prim's path. What it raises ends the reading; what was read is kept for the next one.
         """
         with quiet_diagnostics():
-            return self._read(time_code(time))
+            return self._read(time_code(time), progress)
 
-    def _read(self, time: Usd.TimeCode) -> SceneDescription:
+    def grid_requests(self, time: Time = None) -> tuple[GridRequest, ...]:
+        """The grids that the picture at a time takes from files, to be fetched by another thread.
+
+        Volumes that are not visible now are left out, files that do not exist too.
+        """
+        code = time_code(time)
+        requests: dict[GridRequest, None] = {}
+        with quiet_diagnostics():
+            for path in self._field_paths():
+                prim = self.stage.GetPrimAtPath(path)
+                if not prim or not prim.IsA(UsdVol.OpenVDBAsset):
+                    continue
+                try:
+                    requests[grid_request(prim, code)] = None
+                except PrevisError:
+                    # Said by the reading of that time.
+                    continue
+        return tuple(requests)
+
+    def fetch(self, request: GridRequest) -> LoadedGrid:
+        """Read the grid of a request into the cache; for any thread, without touching the stage.
+
+        The result has the `key` and `grid` of the `Field` that a later reading gives. Raises `PrevisError`, which
+        names the prim, the file and the cause.
+        """
+        return fetch_grid(request, self._grids)
+
+    def is_fetched(self, request: GridRequest) -> bool:
+        """Whether the grid of a request is in memory, as its file is now."""
+        return self._grids.holds(request.file, request.name, request.index)
+
+    def files(self) -> tuple[str, ...]:
+        """The files that the picture depends on: layers, and the .vdb files of the time read last, missing ones too."""
+        found: dict[str, None] = {}
+        with quiet_diagnostics():
+            for layer in self.stage.GetUsedLayers():
+                if layer.realPath:
+                    found[outer_file(layer.realPath)] = None
+            time = self._time if self._time is not None else Usd.TimeCode.EarliestTime()
+            for path in self._field_paths():
+                prim = self.stage.GetPrimAtPath(path)
+                file = named_file(prim, time) if prim and prim.IsA(UsdVol.OpenVDBAsset) else None
+                if file:
+                    found[file] = None
+        return tuple(found)
+
+    def recheck_files(self) -> None:
+        """Read again, next time, what came from .vdb files that changed since or could not be read."""
+        self._grids.forget_changed()
+        self._recheck = True
+
+    def _field_paths(self) -> list[Sdf.Path]:
+        """The field prims that are read, as far as it is known; all that may be for a volume that was not read yet."""
+        paths: dict[Sdf.Path, None] = {}
+        for out in self._translations.values():
+            paths.update(dict.fromkeys(sorted(out.fields)))
+        if self._prims is None:
+            self._prims = list(self._interesting_prims())
+            self._stage_notes = self._notes_of_stage()
+        for prim in self._prims:
+            # After a change that was not read yet some are gone.
+            if prim and prim.IsA(UsdVol.Volume) and prim.GetPath() not in self._translations:
+                fields = UsdVol.Volume(prim).GetFieldPaths()
+                used = [path for name, path in fields.items() if name in USED_FIELDS or "density" not in fields]
+                paths.update(dict.fromkeys(map(Sdf.Path, used)))
+        return list(paths)
+
+    def _notes_of_stage(self) -> list[Note]:
+        return [*self._composition_notes(), *self._color_space_notes()]
+
+    def _read(self, time: Usd.TimeCode, progress: Progress | None) -> SceneDescription:
         if not self._drop_stale(time) and self._scene is not None:
             return self._scene
         self._scene = None
@@ -142,26 +219,49 @@ class StageReader:
             self.keep_going,
         )
         self._grids.begin()
+        try:
+            translations = self._translate_all(context, progress)
+            for out in translations:
+                for key in out.grid_files:
+                    self._grids.use(key)
+        finally:
+            self._grids.end()
+        scene = self._merge(translations)
+        self._geometries.keep({m.geometry.key for m in scene.meshes.values()})
+        self._scene = scene
+        return scene
+
+    def _translate_all(self, context: Context, progress: Progress | None) -> list[Translation]:
         if self._prims is None:
             self._prims = list(self._interesting_prims())
-            self._stage_notes = [*self._composition_notes(), *self._color_space_notes()]
+            self._stage_notes = self._notes_of_stage()
+        sizes = self._unread_bytes(context.time) if progress is not None else {}
+        total = sum(sizes.values()) + len(self._prims)
+        done = 0
         translations = []
         for prim in self._prims:
             path = prim.GetPath()
             out = self._translations.get(path)
             if out is None:
+                if progress is not None:
+                    progress(done / total, str(path))
                 out = self._translate(prim, context)
                 # Kept only when complete: a failing prim is tried again by the next reading.
                 self._translations[path] = out
+            done += 1 + sizes.get(path, 0)
             translations.append(out)
-        for out in translations:
-            for key in out.grid_files:
-                self._grids.use(key)
-        self._grids.end()
-        scene = self._merge(translations)
-        self._geometries.keep({m.geometry.key for m in scene.meshes.values()})
-        self._scene = scene
-        return scene
+        return translations
+
+    def _unread_bytes(self, time: Usd.TimeCode) -> dict[Sdf.Path, int]:
+        """How much there is to read for each Volume that is not read yet, by the sizes of files."""
+        sizes: dict[Sdf.Path, int] = {}
+        for prim in self._prims or ():
+            if not prim.IsA(UsdVol.Volume) or prim.GetPath() in self._translations:
+                continue
+            targets = (self.stage.GetPrimAtPath(path) for path in UsdVol.Volume(prim).GetFieldPaths().values())
+            files = {named_file(t, time) for t in targets if t and t.IsA(UsdVol.OpenVDBAsset)}
+            sizes[prim.GetPath()] = sum(os.path.getsize(f) for f in files if f and os.path.isfile(f))
+        return sizes
 
     def _drop_stale(self, time: Usd.TimeCode) -> bool:
         """Forget what the changes and the time make stale; whether there is anything to read."""
@@ -171,6 +271,9 @@ class StageReader:
         if changes.resynced or changes.everything:
             self._prims = None
         known = len(self._translations)
+        if self._recheck:
+            self._recheck = False
+            self._drop(out for out in self._translations.values() if _rewritten(out) or _misses_something(out))
         dirty, last_time, self._time = list(changes.properties), self._time, time
         from_or_to_default = last_time is not None and time.IsDefault() != last_time.IsDefault()
         if changes.resynced or changes.everything or from_or_to_default:
@@ -290,6 +393,11 @@ def _translate_placed(prim: Usd.Prim, placement: Placement, context: Context, ou
 def _rewritten(out: Translation) -> bool:
     """Whether a file of voxels is another one than when it was read."""
     return not all(is_current(key, file) for key, file in out.grid_files.items())
+
+
+def _misses_something(out: Translation) -> bool:
+    """Whether a file or prim was missing or damaged when it was read."""
+    return any(note.kind == "missing" for note in out.notes)
 
 
 def _is_medium(prim: Usd.Prim, out: Translation) -> bool:
