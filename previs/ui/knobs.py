@@ -177,13 +177,13 @@ class Knob:
 
 
 def number(value: float, decimals: int = 3) -> str:
-    """A number to read: `decimals` digits after the point at most, four significant ones for small or large numbers."""
+    """A number to read: four significant digits, and no more than `decimals` after the point unless it is small."""
     value = float(value)
     if value == 0.0:
         return "0"
     if abs(value) < 10.0 ** (1 - decimals) or abs(value) >= 1e6:
         return f"{value:.4g}"
-    places = max(0, min(decimals, 4 - math.floor(math.log10(abs(value)))))
+    places = max(0, min(decimals, 3 - math.floor(math.log10(abs(value)))))
     text = f"{value:.{places}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
 
@@ -413,7 +413,7 @@ LIGHT: tuple[Knob, ...] = (
     Knob("color", "Colour", "color", "Multiplies the light.", (1.0, 1.0, 1.0), minimum=0.0, low=0.0, high=1.0),
     Knob(
         "enable_color_temperature",
-        "Use temperature",
+        "Colour by",
         "bool",
         "Give the light the colour of a black body, multiplied by its colour.",
         False,

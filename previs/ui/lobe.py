@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -15,8 +16,8 @@ Radius = Literal["linear", "log"]
 
 #: 1/(4π): a phase function that scatters evenly.
 ISOTROPIC = 0.25 / np.pi
-#: A logarithmic plot shows values down to this part of the isotropic one, or of its own peak where that is smaller.
-LOG_FLOOR = 1e-2
+#: The middle of a logarithmic plot is half of this part of the isotropic value, or of the least value if that is less.
+LOG_FLOOR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,16 +44,35 @@ def lobe(
     return Lobe(angles, values)
 
 
-def radii(values: np.ndarray, peak: float, radius: Radius) -> np.ndarray:
-    """Radii in [0, 1] of values up to `peak`; logarithmic ones end at 0 where the value is `LOG_FLOOR` isotropic."""
-    if radius == "linear":
-        return values / peak
-    floor = LOG_FLOOR * min(ISOTROPIC, peak)
-    return np.clip(np.log(np.maximum(values, floor) / floor) / np.log(peak / floor), 0.0, 1.0)
+@dataclass(frozen=True)
+class Polar:
+    """How values become radii in [0, 1]: values of `peak` lie on the unit circle, those of `floor` in the middle.
+
+    A linear radius has its middle at 0, whatever the floor.
+    """
+
+    peak: float
+    floor: float
+    radius: Radius
+
+    @classmethod
+    def fitting(cls, lobes: Sequence[Lobe], radius: Radius) -> Polar:
+        """A plot that holds some lobes and the isotropic one."""
+        peak = max(ISOTROPIC, *(float(part.values.max()) for part in lobes))
+        least = min(float(part.values.min()) for part in lobes)
+        return cls(peak, 0.5 * max(min(least, LOG_FLOOR * ISOTROPIC), 1e-9), radius)
+
+    def radii(self, values: np.ndarray | float) -> np.ndarray:
+        """Radii of values, of their shape."""
+        values = np.asarray(values, float)
+        if self.radius == "linear":
+            return values / self.peak
+        above = np.log(np.maximum(values, self.floor) / self.floor)
+        return np.clip(above / np.log(self.peak / self.floor), 0.0, 1.0)
 
 
-def outline(sampled: Lobe, peak: float, radius: Radius) -> np.ndarray:
+def outline(sampled: Lobe, polar: Polar) -> np.ndarray:
     """A closed line round the origin, (2N − 1, 2), light going to the right along x, y up; inside the unit circle."""
-    r = radii(sampled.values, peak, radius)
+    r = polar.radii(sampled.values)
     upper = np.stack([r * np.cos(sampled.angles), r * np.sin(sampled.angles)], axis=1)
     return np.concatenate([upper, (upper * (1.0, -1.0))[-2::-1]])

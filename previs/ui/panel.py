@@ -14,7 +14,7 @@ from ..description import Medium
 from ..scene import Scene
 from . import widgets
 from .knobs import LIGHT, LIGHT_BY_NAME, MEDIUM, MEDIUM_BY_NAME, Knob, encoded
-from .lobe import ISOTROPIC, Lobe, Radius, lobe, outline, radii
+from .lobe import ISOTROPIC, Lobe, Polar, Radius, lobe, outline
 from .outliner import ICONS, outline_of
 from .theme import ACCENT, CURVES, DIM, FRAME, dim, em, packed, tooltip
 from .widgets import Binding
@@ -119,6 +119,8 @@ def _draw_header(app: Any, item: Any) -> None:
     imgui.text_unformatted(item.name)
     imgui.pop_clip_rect()
     tooltip(item.path)
+    if item.kind == "camera":
+        return
     imgui.same_line(right - 2 * button - em(0.2))
     eye = icons_fontawesome.ICON_FA_EYE if item.visible else icons_fontawesome.ICON_FA_EYE_SLASH
     if imgui.button(f"{eye}###header_visible", ImVec2(button, 0.0)):
@@ -300,15 +302,14 @@ def _draw_lobe(medium: Medium) -> None:
         _state.radius = "linear" if _state.radius == "log" else "log"
     centre = (corner.x + 0.5 * size.x, corner.y + 0.5 * size.y)
     parts = _lobes(medium)
-    peak = max(float(part.values.max()) for part, *_ in parts)
-    peak = max(peak, ISOTROPIC)
-    even = float(radii(np.array([ISOTROPIC]), peak, _state.radius)[0]) * radius
+    polar = Polar.fitting([part for part, *_ in parts], _state.radius)
+    even = float(polar.radii(ISOTROPIC)) * radius
     paint.add_circle(ImVec2(*centre), even, packed(DIM, 0.45), 64, 1.0)
     for step in (-1.0, 1.0):
         paint.add_line(ImVec2(*centre), ImVec2(centre[0] + step * radius, centre[1]), packed(DIM, 0.25))
         paint.add_line(ImVec2(*centre), ImVec2(centre[0], centre[1] + step * radius), packed(DIM, 0.25))
     for part, color, thickness in parts:
-        line = outline(part, peak, _state.radius) * (radius, -radius) + centre
+        line = outline(part, polar) * (radius, -radius) + centre
         paint.add_polyline([ImVec2(x, y) for x, y in line.tolist()], packed(color), thickness, 0)
     _draw_arrow(paint, centre, corner, radius)
     text = "log" if _state.radius == "log" else "linear"
@@ -370,11 +371,11 @@ def _draw_light(app: Any, path: str) -> None:
     knob("exposure")
     knob("normalize")
     imgui.separator_text("Colour")
-    width = widgets.label_row("Colour by")
-    ways = (False, True)
-    picked = widgets.segments("color_by", ways, ("Colour", "Temperature"), light.enable_color_temperature, width)
-    if picked is not None and picked != light.enable_color_temperature:
-        binding("enable_color_temperature").write(picked)
+    way = binding("enable_color_temperature")
+    width = widgets.row(LIGHT_BY_NAME["enable_color_temperature"], way)
+    picked = widgets.segments("color_by", (False, True), ("Colour", "Temperature"), way.value, width)
+    if picked is not None and picked != way.value:
+        way.write(picked)
     if light.enable_color_temperature:
         knob("color_temperature")
         _draw_temperature(light.color_temperature)
@@ -411,8 +412,7 @@ def _draw_switches(app: Any, path: str, shown: _Shown) -> None:
 def _draw_temperature(kelvin: float) -> None:
     """The black body's colours from cold to warm, and where this one is."""
     knob = LIGHT_BY_NAME["color_temperature"]
-    width = widgets.label_row("")
-    height = em(0.55)
+    width, height = widgets.skip_label(), em(0.55)
     corner = imgui.get_cursor_screen_pos()
     imgui.dummy(ImVec2(width, height))
     paint = imgui.get_window_draw_list()

@@ -60,9 +60,9 @@ def _draw_switch(app: Any) -> None:
         down = value == now
         color = ACCENT if down else FRAME_HOVERED if imgui.is_item_hovered() else FRAME
         flags = imgui.ImDrawFlags_
-        corners = flags.round_corners_none
-        corners |= flags.round_corners_left if i == 0 else flags.round_corners_none
-        corners |= flags.round_corners_right if i == len(values) - 1 else flags.round_corners_none
+        corners = flags.round_none
+        corners |= flags.round_left if i == 0 else flags.round_none
+        corners |= flags.round_right if i == len(values) - 1 else flags.round_none
         gap = 1.0 if i < len(values) - 1 else 0.0
         shade = packed(color, 0.45 if plain else 1.0)
         paint.add_rect_filled(lo, ImVec2(hi.x - gap, hi.y), shade, rounding, int(corners))
@@ -107,8 +107,9 @@ def _authored_settings(app: Any) -> dict[str, Any]:
 def _draw_setting(app: Any, knob: Knob) -> None:
     document = app.document
     hint = ""
-    if knob.name == "map_size" and document.settings.map_size == 0 and app.picture.plan is not None:
-        hint = f"auto · {app.picture.plan.map_size}" if app.picture.plan.maps else ""
+    plan = app.picture.plan
+    if knob.name == "map_size" and document.settings.map_size == 0 and app.picture.finished and plan and plan.maps:
+        hint = f"auto · {plan.map_size}"
     binding = Binding(
         value=document.settings[knob.name],
         write=lambda value: _set(app, knob, value),

@@ -9,7 +9,7 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..description import Note, SceneDescription
 from ..render.plan import Plan
-from .theme import ACCENT, DIM, ERROR, FRAME, GOOD, TEXT, WARNING, Rgba, em, packed, tooltip
+from .theme import ACCENT, DIM, ERROR, FRAME, GOOD, TEXT, WARNING, Rgba, close_on_escape, em, packed, tooltip
 
 #: Colours and names of the kinds of passes, in the order of a frame.
 PASSES: dict[str, tuple[str, Rgba]] = {
@@ -125,8 +125,9 @@ def _separator() -> None:
     imgui.same_line(0.0, em(0.6))
     at = imgui.get_cursor_screen_pos()
     height = imgui.get_text_line_height()
+    imgui.dummy(ImVec2(1.0, height))
     top, bottom = ImVec2(at.x, at.y + 0.1 * height), ImVec2(at.x, at.y + height)
-    imgui.get_window_draw_list().add_line(top, bottom, packed(DIM, 0.4))
+    imgui.get_window_draw_list().add_line(top, bottom, packed(DIM, 0.5))
     imgui.same_line(0.0, em(0.6))
 
 
@@ -210,6 +211,7 @@ def _draw_right(app: Any) -> None:
     tooltip("What the picture does not show as the stage says: click to read")
     imgui.set_next_window_size_constraints(ImVec2(em(26), 0.0), ImVec2(em(46), em(28)))
     if imgui.begin_popup("warnings_list"):
+        close_on_escape()
         _draw_warnings(app, notes, error)
         imgui.end_popup()
 

@@ -36,6 +36,10 @@ CURVES: tuple[Rgba, ...] = (
 )
 
 
+#: Of the default font, in pixels of a monitor of plain density.
+_FONT_HEIGHT = 15.0
+
+
 def em(count: float = 1.0) -> float:
     """So many times the height of the font, in pixels."""
     return hello_imgui.em_size(count)
@@ -49,20 +53,22 @@ def packed(color: Rgba, alpha: float = 1.0) -> int:
 def apply_theme() -> None:
     """Set the style of ImGui, and of ImPlot where there is one; called once when the window begins."""
     imgui.style_colors_dark()
+    # There is no font yet; afterwards the runner scales the style by the monitor's density.
+    unit = _FONT_HEIGHT
     style = imgui.get_style()
-    style.window_padding = ImVec2(em(0.55), em(0.5))
-    style.frame_padding = ImVec2(em(0.4), em(0.2))
-    style.item_spacing = ImVec2(em(0.4), em(0.28))
-    style.item_inner_spacing = ImVec2(em(0.35), em(0.25))
-    style.window_rounding = style.child_rounding = em(0.15)
-    style.frame_rounding = style.grab_rounding = style.popup_rounding = style.tab_rounding = em(0.2)
-    style.scrollbar_rounding = em(0.4)
+    style.window_padding = ImVec2(0.55 * unit, 0.5 * unit)
+    style.frame_padding = ImVec2(0.4 * unit, 0.2 * unit)
+    style.item_spacing = ImVec2(0.4 * unit, 0.28 * unit)
+    style.item_inner_spacing = ImVec2(0.35 * unit, 0.25 * unit)
+    style.window_rounding = style.child_rounding = 0.15 * unit
+    style.frame_rounding = style.grab_rounding = style.popup_rounding = style.tab_rounding = 0.2 * unit
+    style.scrollbar_rounding = 0.4 * unit
     style.window_border_size = style.frame_border_size = 0.0
     style.popup_border_size = 1.0
-    style.scrollbar_size = em(0.75)
-    style.indent_spacing = em(0.9)
+    style.scrollbar_size = 0.75 * unit
+    style.indent_spacing = 0.9 * unit
     style.separator_text_border_size = 1.0
-    style.separator_text_padding = ImVec2(0.0, em(0.25))
+    style.separator_text_padding = ImVec2(0.0, 0.25 * unit)
     names = imgui.Col_
     greys = {
         names.text: 0.87,
@@ -131,7 +137,7 @@ def apply_theme() -> None:
 
 def tooltip(text: str) -> None:
     """A tooltip of the last item, wrapped; its first line stands out."""
-    if imgui.begin_item_tooltip():
+    if not imgui.is_mouse_down(0) and imgui.begin_item_tooltip():
         _show_text(text)
         imgui.end_tooltip()
 
@@ -159,3 +165,9 @@ def dim(text: str) -> None:
     imgui.push_style_color(imgui.Col_.text, ImVec4(*DIM))
     imgui.text_wrapped(text)
     imgui.pop_style_color()
+
+
+def close_on_escape() -> None:
+    """Close the popup that is being drawn on Escape, as ImGui does with keyboard navigation alone."""
+    if imgui.is_window_focused(imgui.FocusedFlags_.child_windows) and imgui.is_key_pressed(imgui.Key.escape):
+        imgui.close_current_popup()

@@ -26,6 +26,7 @@ from .theme import (
     FRAME_HOVERED,
     INK,
     TEXT,
+    close_on_escape,
     em,
     packed,
     tooltip,
@@ -88,6 +89,7 @@ class _Interaction:
     text: str = ""
     frames_typing: int = 0
     gesture: str = ""
+    quiet: str = ""
     chroma: dict[str, Color] = field(default_factory=dict)
 
 
@@ -116,7 +118,7 @@ def _write_held(app: Any, knob: Knob, binding: Binding, value: Any) -> None:
 
 def draw(app: Any, knob: Knob, binding: Binding, reserve: float = 0.0) -> None:
     """One row: mark, label, control. `reserve` pixels at its end are left free."""
-    width = max(_label(knob, binding) - reserve, em(2.0))
+    width = max(row(knob, binding) - reserve, em(2.0))
     if knob.kind == "color":
         _color(app, knob, binding, width)
     elif knob.kind == "bool":
@@ -137,13 +139,20 @@ def label_row(label: str, hint: str = "") -> float:
     return _to_control()
 
 
+def skip_label() -> float:
+    """Go to where controls begin, for what belongs to the knob above; returns the width that is left."""
+    imgui.set_cursor_pos_x(imgui.get_style().window_padding.x + em(MARK_WIDTH + LABEL_WIDTH))
+    return max(imgui.get_content_region_avail().x, em(3.0))
+
+
 def _to_control() -> float:
     start = imgui.get_style().window_padding.x + em(MARK_WIDTH + LABEL_WIDTH)
     imgui.same_line(start)
     return max(imgui.get_content_region_avail().x, em(3.0))
 
 
-def _label(knob: Knob, binding: Binding) -> float:
+def row(knob: Knob, binding: Binding) -> float:
+    """Mark and label of a knob whose control is drawn by the caller; returns the width that is left for it."""
     height = imgui.get_frame_height()
     corner = imgui.get_cursor_screen_pos()
     if binding.edited:
@@ -172,10 +181,20 @@ def _explanation(knob: Knob, binding: Binding) -> str:
     return text
 
 
+def _explain(knob: Knob, binding: Binding) -> None:
+    """The tooltip of a slider, which keeps out of the way after a drag until the pointer comes back."""
+    if _now.quiet == knob.name:
+        if not imgui.is_item_hovered() and not imgui.is_item_active():
+            _now.quiet = ""
+    else:
+        tooltip(_explanation(knob, binding))
+
+
 def _menu(knob: Knob, binding: Binding, popup: str) -> None:
     """The menu of a right click on the last item."""
     if not imgui.begin_popup_context_item(popup):
         return
+    close_on_escape()
     if binding.reset is not None and binding.stage is not None:
         label = f"Reset to the stage's value ({knob.format(binding.stage)})###reset"
         if imgui.menu_item(label, "", False, binding.edited)[0]:
@@ -220,7 +239,7 @@ def _slider(app: Any, knob: Knob, binding: Binding, width: float) -> None:
             _write_held(app, knob, binding, value)
     _maybe_type(knob, binding.value)
     _paint_slider(knob, float(binding.value), binding.hint or knob.format(binding.value), width, _bar_color(knob.name))
-    tooltip(_explanation(knob, binding))
+    _explain(knob, binding)
     _menu(knob, binding, f"{knob.name}_menu")
 
 
@@ -250,6 +269,7 @@ def _drag_area(knob: Knob, value: float, width: float) -> float | None:
     _now.travelled += abs(step)
     if step == 0.0 or _now.travelled < _DRAG_THRESHOLD:
         return None
+    _now.quiet = knob.name
     _now.fraction += step / max(width, 1.0) * (0.1 if io.key_shift else 1.0)
     # A little beyond the end, so that the way back does not start at once, and an automatic value has a place.
     _now.fraction = min(max(_now.fraction, -0.05 if knob.automatic else 0.0), 1.0)
@@ -389,6 +409,7 @@ def combo(name: str, values: Any, labels: Any, value: Any, width: float) -> Any 
         imgui.set_next_window_pos(ImVec2(lo.x, hi.y + 1.0))
         imgui.set_next_window_size_constraints(ImVec2(width, 0.0), ImVec2(em(40), em(22)))
         if imgui.begin_popup(popup):
+            close_on_escape()
             for entry, label in zip(values, labels, strict=True):
                 if imgui.selectable(f"{label}###{entry}", entry == value)[0]:
                     picked = entry
@@ -416,11 +437,11 @@ def segments(name: str, values: Any, labels: Any, value: Any, width: float, heig
         down = entry == value
         color = ACCENT if down else FRAME_HOVERED if imgui.is_item_hovered() else FRAME
         sides = imgui.ImDrawFlags_
-        corners = sides.round_corners_none
+        corners = sides.round_none
         if i == 0:
-            corners |= sides.round_corners_left
+            corners |= sides.round_left
         if i == len(values) - 1:
-            corners |= sides.round_corners_right
+            corners |= sides.round_right
         paint.add_rect_filled(lo, ImVec2(hi.x - (i < len(values) - 1), hi.y), packed(color), rounding, int(corners))
         size = imgui.calc_text_size(label)
         at = ImVec2(0.5 * (lo.x + hi.x - size.x), 0.5 * (lo.y + hi.y - size.y))
@@ -443,6 +464,7 @@ def _color(app: Any, knob: Knob, binding: Binding, width: float) -> None:
     tooltip(f"{knob.label}: {knob.format(color)}\nClick to pick the colour. The slider is its strength.")
     _menu(knob, binding, f"{knob.name}_swatch_menu")
     if imgui.begin_popup(popup):
+        close_on_escape()
         _picker(app, knob, binding, shown)
         imgui.end_popup()
 
@@ -456,7 +478,7 @@ def _color(app: Any, knob: Knob, binding: Binding, width: float) -> None:
         _write_color(app, knob, binding, scaled(color, moved, shown))
     _maybe_type(knob, color)
     _paint_slider(knob, magnitude(color), knob.format(color), rest, _bar_color(knob.name))
-    tooltip(_explanation(knob, binding))
+    _explain(knob, binding)
     _menu(knob, binding, f"{knob.name}_menu")
 
 
