@@ -191,9 +191,9 @@ class Frame:
         """Free the atlases and targets that the plan does not use."""
         plan = self.plan
         used = {p.kind for p in plan.passes}
-        if not plan.maps:
+        if not plan.map_atlas.spans:
             self.maps.release()
-        if not plan.shadow_tiles:
+        if not plan.shadow_atlas.spans:
             self.shadows.release()
         if "fields" not in used:
             for atlas in (self.density, self.temperature, self.emission):

@@ -29,6 +29,7 @@ from ..description import (
 from ..errors import PrevisError
 from ..index import RenderIndex, camera_key
 from ..settings import Settings
+from .atlas import AtlasLayout, lay_out
 from .fields import field_dims, packed_bytes, planned_reduction
 from .projection import (
     MAP_KINDS,
@@ -43,6 +44,8 @@ from .projection import (
 )
 
 PassKind = Literal["fields", "shadow_map", "transmittance_map", "gbuffer", "surface", "march", "composite"]
+
+Atlases = tuple[AtlasLayout | None, AtlasLayout | None]
 
 MAX_VOLUMES = 128
 MAX_LIGHTS_PER_BATCH = 64
@@ -128,16 +131,14 @@ class Plan:
     map_size: int
     shadow_size: int
     shadow_tiles: int
+    map_atlas: AtlasLayout
+    shadow_atlas: AtlasLayout
     limits: DeviceLimits
     batches: tuple[range, ...]
     slices: tuple[range, ...]
     defines: Mapping[str, Any]
     passes: tuple[PlannedPass, ...]
     notes: tuple[Note, ...] = field(default=())
-
-    def atlas_columns(self, tile_size: int) -> int:
-        """Tiles side by side in an atlas of tiles of that size."""
-        return max(self.limits.texture_size // max(tile_size, 1), 1)
 
     def describe(self) -> str:
         """The plan as text: a line per pass with its reason, resolution and memory."""
@@ -171,6 +172,7 @@ def make_plan(
     settings: Settings,
     shift: tuple[float, float] = (0.0, 0.0),
     limits: DeviceLimits | None = None,
+    atlases: Atlases = (None, None),
 ) -> Plan:
     """Plan one frame.
 
@@ -181,6 +183,8 @@ def make_plan(
         settings: the knobs.
         shift: offset of the samples from the pixel centres, in pixels.
         limits: of the device; None takes the defaults.
+        atlases: the layouts of transmittance maps and of shadow maps in the plan before, so that maps stay in their
+            place.
 
     Raises:
         PrevisError: when the scene holds more volumes than a frame can march through.
@@ -241,10 +245,12 @@ def make_plan(
             PlannedPass("fields", "fields", why, (), size, (keys, settings.read_by("fields"), limits), payload=records)
         )
 
-    planned_lights, shadow_size, shadow_tiles = _plan_shadows(volumes, lights, meshes, settings, limits, passes, notes)
+    planned_lights, shadow_atlas = _plan_shadows(volumes, lights, meshes, settings, limits, atlases[1], passes, notes)
     casting = sum(e.record.casts_shadows for e in lights)
     size = _map_size(records, grids, casting, settings, limits, notes) if grids else 0
-    maps = _plan_maps(volumes, grids, lights, settings, size, passes) if method != "march" else ()
+    maps, map_atlas = (), AtlasLayout()
+    if grids and method != "march":
+        maps, map_atlas = _plan_maps(volumes, grids, lights, settings, size, limits, atlases[0], passes)
 
     batches, slices = _draws(records, len(lights), settings, limits)
     view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
@@ -325,8 +331,10 @@ def make_plan(
         ambient=ambient,
         maps=maps,
         map_size=size,
-        shadow_size=shadow_size,
-        shadow_tiles=shadow_tiles,
+        shadow_size=shadow_atlas.size,
+        shadow_tiles=sum(len(p.shadow.matrices) for p in planned_lights if p.shadow is not None),
+        map_atlas=map_atlas,
+        shadow_atlas=shadow_atlas,
         limits=limits,
         batches=batches,
         slices=slices,
@@ -406,8 +414,10 @@ def fitting_size(wanted: int, tiles: int, bytes_per_texel: int, limits: DeviceLi
     return size
 
 
-def _plan_shadows(volumes, lights, meshes, settings: Settings, limits: DeviceLimits, passes, notes):
-    """A shadow map for every light that meshes can keep from something; (planned lights, texels of a face, faces)."""
+def _plan_shadows(
+    volumes, lights, meshes, settings: Settings, limits: DeviceLimits, previous: AtlasLayout | None, passes, notes
+) -> tuple[tuple[PlannedLight, ...], AtlasLayout]:
+    """A shadow map for every light that meshes can keep from something."""
     mesh_boxes = [b for e in meshes if (b := mesh_world_bounds(e.record)) is not None]
     media = _corner_points([volume_world_bounds(e.record) for e in volumes])
     casters = _corner_points(mesh_boxes)
@@ -422,13 +432,18 @@ def _plan_shadows(volumes, lights, meshes, settings: Settings, limits: DeviceLim
     if size < settings.shadow_map_size:
         message = f"{_count(faces, 'face')} of shadow maps are drawn with {size}² texels to fit"
         notes.append(Note("approximated", lights[0].record.path, message))
-    planned, tiles = [], 0
+    wanted = [(e.record.path, len(fit.matrices)) for e, fit in zip(lights, fits, strict=True) if fit is not None]
+    layout = AtlasLayout()
+    if len(casters):
+        layout = lay_out(previous, wanted, size, size * size * 4, limits.texture_size, ATLAS_MEMORY)
+    planned = []
     for e, fit in zip(lights, fits, strict=True):
         light = e.record
         if fit is None:
             planned.append(PlannedLight(light, None, 0))
             continue
-        planned.append(PlannedLight(light, fit, tiles))
+        tiles = layout.spans[light.path]
+        planned.append(PlannedLight(light, fit, tiles.start))
         passes.append(
             PlannedPass(
                 f"shadow_map {light.path}",
@@ -440,8 +455,7 @@ def _plan_shadows(volumes, lights, meshes, settings: Settings, limits: DeviceLim
                 payload=planned[-1],
             )
         )
-        tiles += len(fit.matrices)
-    return tuple(planned), size, tiles
+    return tuple(planned), layout
 
 
 def _map_size(volumes, grids: list[int], lights: int, settings: Settings, limits: DeviceLimits, notes) -> int:
@@ -463,10 +477,22 @@ def _map_size(volumes, grids: list[int], lights: int, settings: Settings, limits
     return size
 
 
-def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int, passes: list[PlannedPass]):
+def _plan_maps(
+    volumes,
+    grids: list[int],
+    lights,
+    settings: Settings,
+    size: int,
+    limits: DeviceLimits,
+    previous: AtlasLayout | None,
+    passes: list[PlannedPass],
+) -> tuple[tuple[PlannedMap, ...], AtlasLayout]:
     """A map for every pair of a light that casts shadows and a volume of voxels."""
     planned = []
     layers = map_layers(settings.coefficients)
+    tile_bytes = size * size * (8 + 8 * layers)
+    pairs = [(e.record.path, volumes[i].record.path) for e in lights if e.record.casts_shadows for i in grids]
+    layout = lay_out(previous, [(p, 1) for p in pairs], size, tile_bytes, limits.texture_size, ATLAS_MEMORY)
     weighting = density_weighting(tuple(e.record for e in volumes), settings)
     for light_number, light_entry in enumerate(lights):
         light = light_entry.record
@@ -477,7 +503,8 @@ def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int,
             volume = entry.record
             strength = [s for s in volume.medium.strength if s > 0.0]
             fit = light_map(light, volume, size)
-            item = PlannedMap(light_number, volume_number, fit, len(planned), max(strength), min(strength))
+            tile = layout.spans[light.path, volume.path].start
+            item = PlannedMap(light_number, volume_number, fit, tile, max(strength), min(strength))
             planned.append(item)
             depends = (
                 entry.versions["density"],
@@ -495,12 +522,12 @@ def _plan_maps(volumes, grids: list[int], lights, settings: Settings, size: int,
                     "transmittance_map",
                     f"how this volume attenuates this light; {fit.kind}",
                     (size, size),
-                    size * size * (8 + 8 * layers),
+                    tile_bytes,
                     depends,
                     payload=item,
                 )
             )
-    return tuple(planned)
+    return tuple(planned), layout
 
 
 PHASE_NUMBERS = {"isotropic": 0, "hg": 1, "schlick": 2, "rayleigh": 3, "two_lobe": 4}

@@ -19,7 +19,7 @@ from .context import check_errors, create_context, is_software
 from .fields import field_dims
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
-from .plan import DeviceLimits, Plan, PlannedPass, make_plan
+from .plan import Atlases, DeviceLimits, Plan, PlannedPass, make_plan
 from .shader import ShaderError
 
 #: Planes that are averaged over the samples of a pixel. Depth takes the nearest, the others the first sample: the mean
@@ -63,6 +63,7 @@ class Renderer:
         self.limits = DeviceLimits(texture_size, info["GL_MAX_3D_TEXTURE_SIZE"], info["GL_MAX_UNIFORM_BLOCK_SIZE"])
         self._states: dict[str, tuple[Hashable, int]] = {}
         self._serial = itertools.count(1)
+        self._atlases: Atlases = (None, None)
         self._drawing: Generator[float, None, None] | None = None
         # Seconds that a pass of a kind took last: its share of the progress.
         self._weights: dict[str, float] = {}
@@ -77,7 +78,7 @@ class Renderer:
 
     def plan(self, index: RenderIndex, camera: Camera, width: int, height: int, settings: Settings) -> Plan:
         """The plan of a frame on this device; see `make_plan`."""
-        return make_plan(index, camera, width, height, settings, limits=self.limits)
+        return make_plan(index, camera, width, height, settings, limits=self.limits, atlases=self._atlases)
 
     def render(
         self,
@@ -121,7 +122,7 @@ class Renderer:
                 if progress is not None:
                     progress((number + fraction) / len(shifts))
 
-            plan = make_plan(index, camera, width, height, settings, shift, self.limits)
+            plan = make_plan(index, camera, width, height, settings, shift, self.limits, self._atlases)
             try:
                 self.draw(plan, report, times)
             finally:
@@ -215,12 +216,15 @@ class Renderer:
         frame = self._frame
         frame.rest()
         frame.release_unused()
-        if plan.maps and frame.maps.update(plan):
-            self._forget("transmittance_map")
-        if plan.shadow_tiles and frame.shadows.update(plan):
-            self._forget("shadow_map")
-        for path in set(self._states) - {p.name for p in plan.passes}:
-            del self._states[path]
+        if plan.maps:
+            frame.maps.update(plan)
+        if plan.shadow_tiles:
+            frame.shadows.update(plan)
+        self._atlases = (plan.map_atlas, plan.shadow_atlas)
+        # Maps of lights that are not in this plan may be wanted again while nobody else takes their tiles.
+        held = {*frame.maps.owners.values(), *frame.shadows.owners.values()}
+        for name in set(self._states) - held - {p.name for p in plan.passes}:
+            del self._states[name]
         weights = {p.name: self._weights.get(p.kind, 1e-3) for p in plan.passes}
         pending = self.stale(plan)
         whole = sum(weights[name] for name in pending)
@@ -229,7 +233,7 @@ class Renderer:
         while again:
             again = False
             for p in plan.passes:
-                if self._is_current(p):
+                if self._is_current(p, plan):
                     continue
                 # A pass that does not come to its end must run again.
                 self._states.pop(p.name, None)
@@ -252,7 +256,7 @@ class Renderer:
                     raise PrevisError(f"{p.name}: {type(error).__name__}: {error}") from error
                 if again:
                     break
-                self._states[p.name] = (self._wanted(p), next(self._serial))
+                self._states[p.name] = (self._wanted(p, plan), next(self._serial))
                 self._weights[p.kind] = seconds
                 self.executed.append(p.name)
                 finished += weights[p.name]
@@ -266,22 +270,29 @@ class Renderer:
     def _has_fields(self, plan: Plan) -> bool:
         """Whether the voxels are still there after a yield: a renderer that shares them may have put others there."""
         uploads = [p for p in plan.passes if p.kind == "fields" and p.name in self._states]
-        return all(self._is_current(p) for p in uploads)
+        return all(self._is_current(p, plan) for p in uploads)
 
-    def _wanted(self, p: PlannedPass) -> Hashable:
-        """What a pass depends on, as it is now."""
-        held = self._frame.field_serials() if p.kind == "fields" else ()
-        return p.depends, tuple(self._states[i][1] for i in p.inputs), held
+    def _wanted(self, p: PlannedPass, plan: Plan) -> Hashable:
+        """What a pass depends on, and where its output is, as it is now."""
+        frame, output = self._frame, ()
+        if p.kind == "fields":
+            output = frame.field_serials()
+        elif p.kind == "transmittance_map":
+            output = (frame.maps.owner(plan, p.payload.tile),)
+        elif p.kind == "shadow_map":
+            first = p.payload.first_tile
+            output = tuple(frame.shadows.owner(plan, first + i) for i in range(len(p.payload.shadow.matrices)))
+        return p.depends, tuple(self._states[i][1] for i in p.inputs), output
 
-    def _is_current(self, p: PlannedPass) -> bool:
+    def _is_current(self, p: PlannedPass, plan: Plan) -> bool:
         held = self._states.get(p.name)
-        return held is not None and held[0] == self._wanted(p)
+        return held is not None and held[0] == self._wanted(p, plan)
 
     def stale(self, plan: Plan) -> tuple[str, ...]:
         """Names of the passes that `draw` would run for a plan, in order; changes nothing."""
         names: dict[str, None] = {}
         for p in plan.passes:
-            if any(i in names for i in p.inputs) or not self._is_current(p):
+            if any(i in names for i in p.inputs) or not self._is_current(p, plan):
                 names[p.name] = None
         return tuple(names)
 
@@ -373,16 +384,13 @@ class Renderer:
         with self.context:
             self._frame.release_scene()
         self._states.clear()
+        self._atlases = (None, None)
 
     def _stop(self) -> None:
         """End a drawing that is under way."""
         if self._drawing is not None:
             self._drawing.close()
             self._drawing = None
-
-    def _forget(self, kind: str) -> None:
-        for name in [n for n in self._states if n.startswith(kind)]:
-            del self._states[name]
 
     def _read(self, plan: Plan) -> dict[str, np.ndarray]:
         """All planes of the picture, rows from the top."""

@@ -190,7 +190,10 @@ class FieldAtlas:
 
 
 class MapAtlas:
-    """The transmittance maps of all pairs of light and volume, as tiles of one set of textures."""
+    """The transmittance maps of all pairs of light and volume, as tiles of one set of textures.
+
+    `owners` are the names of the passes that filled its tiles last.
+    """
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
@@ -198,25 +201,42 @@ class MapAtlas:
         self.coefficients: list[moderngl.Texture] = []
         self.range: moderngl.Texture | None = None
         self.framebuffer: moderngl.Framebuffer | None = None
+        self.owners: dict[int, str] = {}
+
+    @staticmethod
+    def _shape_of(plan: Plan) -> Hashable:
+        layout = plan.map_atlas
+        return layout.size, layout.columns, map_layers(plan.settings.coefficients), plan.settings.transmittance
 
     def update(self, plan: Plan) -> bool:
         """Make the textures for a plan; True when they are new and every map has to be filled again."""
-        columns = plan.atlas_columns(plan.map_size)
-        count = len(plan.maps)
-        size = (min(count, columns) * plan.map_size, -(-count // columns) * plan.map_size)
-        shape = (size, map_layers(plan.settings.coefficients), plan.settings.transmittance)
-        if shape == self._shape:
+        shape, wanted = self._shape_of(plan), plan.map_atlas.extent
+        fits = self.range is not None and shape == self._shape
+        if fits and not _is_to_resize(self.range.size, wanted):
             return False
-        self.release()
-        self.coefficients = [self._context.texture(size, 4, dtype="f2") for _ in range(shape[1])]
+        before = (self.framebuffer, self.range, *self.coefficients) if fits else ()
+        owners = self.owners if fits else {}
+        if not fits:
+            self.release()
+        self.coefficients = [self._context.texture(wanted, 4, dtype="f2") for _ in range(shape[2])]
         # Range ends need 32 bits: half floats cost up to 19 dB in dense media.
-        self.range = self._context.texture(size, 2, dtype="f4")
+        self.range = self._context.texture(wanted, 2, dtype="f4")
         for texture in (*self.coefficients, self.range):
-            texture.filter = LINEAR if shape[2] == "tfm-plain" else NEAREST
+            texture.filter = LINEAR if shape[3] == "tfm-plain" else NEAREST
             texture.repeat_x = texture.repeat_y = False
         self.framebuffer = self._context.framebuffer([*self.coefficients, self.range])
         self._shape = shape
-        return True
+        self.owners = {t: name for t, name in owners.items() if t < plan.map_atlas.capacity}
+        if before:
+            self._context.copy_framebuffer(self.framebuffer, before[0])
+            self.framebuffer.use()
+            for resource in before:
+                resource.release()
+        return not before
+
+    def owner(self, plan: Plan, tile: int) -> str | None:
+        """The name of the pass whose map is in a tile of the plan; None where there is none that fits the plan."""
+        return self.owners.get(tile) if self._shape == self._shape_of(plan) else None
 
     def release(self) -> None:
         """Free the textures."""
@@ -224,44 +244,58 @@ class MapAtlas:
             if resource is not None:
                 resource.release()
         self.coefficients, self.range, self.framebuffer, self._shape = [], None, None, None
+        self.owners = {}
+
+
+def _is_to_resize(held: tuple[int, int], wanted: tuple[int, int]) -> bool:
+    """Whether an atlas is too small for a plan, or far too large."""
+    return held[0] < wanted[0] or held[1] < wanted[1] or held[0] * held[1] > 4 * wanted[0] * wanted[1]
 
 
 class ShadowAtlas:
-    """The shadow maps of all lights, a tile for every face."""
+    """The shadow maps of all lights, a tile for every face; `owners` are the names of the passes that filled them."""
 
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
         self._shape: Hashable = None
         self.texture: moderngl.Texture | None = None
         self.framebuffer: moderngl.Framebuffer | None = None
+        self.owners: dict[int, str] = {}
 
     def update(self, plan: Plan) -> bool:
         """Make the texture for a plan; True when it is new."""
-        tile = plan.shadow_size
-        columns = self.columns(plan)
-        size = (columns * tile, -(-plan.shadow_tiles // columns) * tile)
-        if size == self._shape:
+        layout = plan.shadow_atlas
+        fits = self.texture is not None and self._shape == (layout.size, layout.columns)
+        if fits and not _is_to_resize(self.texture.size, layout.extent):
             return False
-        self.release()
-        self.texture = self._context.depth_texture(size)
+        before, owners = (self.framebuffer, self.texture), self.owners
+        self.texture = self._context.depth_texture(layout.extent)
         self.texture.compare_func = "<="
         self.texture.filter = LINEAR
         self.texture.repeat_x = self.texture.repeat_y = False
         self.framebuffer = self._context.framebuffer(depth_attachment=self.texture)
-        self._shape = size
-        return True
+        self._shape = (layout.size, layout.columns)
+        self.owners = {t: name for t, name in owners.items() if t < layout.capacity} if fits else {}
+        for tile in self.owners:
+            # OpenGL copies depth between framebuffers too, but moderngl does not.
+            viewport = (*layout.corner(tile), layout.size, layout.size)
+            self.texture.write(before[0].read(viewport, 1, -1, dtype="f4"), viewport)
+        if before[0] is not None:
+            self.framebuffer.use()
+            before[0].release()
+            before[1].release()
+        return not fits
 
-    @staticmethod
-    def columns(plan: Plan) -> int:
-        """Tiles side by side: a near-square atlas wastes the least."""
-        widest = plan.atlas_columns(plan.shadow_size)
-        return max(1, min(widest, int(np.ceil(np.sqrt(plan.shadow_tiles)))))
+    def owner(self, plan: Plan, tile: int) -> str | None:
+        """The name of the pass whose map is in a tile of the plan; None where there is none that fits the plan."""
+        shape = (plan.shadow_atlas.size, plan.shadow_atlas.columns)
+        return self.owners.get(tile) if self._shape == shape else None
 
     def tiling(self, plan: Plan) -> tuple[float, float, float, float]:
         """The `shadow_tiling` uniform."""
-        columns = self.columns(plan)
-        rows = -(-plan.shadow_tiles // columns)
-        return (1.0 / columns, 1.0 / rows, float(columns), 0.5 / plan.shadow_size)
+        layout = plan.shadow_atlas
+        width, height = self.texture.size
+        return (layout.size / width, layout.size / height, float(layout.columns), 0.5 / layout.size)
 
     def release(self) -> None:
         """Free the texture."""
@@ -269,6 +303,7 @@ class ShadowAtlas:
             if resource is not None:
                 resource.release()
         self.texture, self.framebuffer, self._shape = None, None, None
+        self.owners = {}
 
 
 @dataclass(eq=False)

@@ -140,7 +140,6 @@ def pack_light_maps(plan: Plan, batch: range, weighting: float) -> bytes:
     """The `LightMaps` block of one batch; `weighting` is the exponent α that curves are raised to."""
     count = max(len(plan.volumes), 1)
     rows = np.zeros((plan.defines["LIGHT_CAPACITY"] * count, _LIGHT_MAP_ROWS, 4), np.float32)
-    columns = plan.atlas_columns(plan.map_size)
     for item in plan.maps:
         if item.light not in batch:
             continue
@@ -150,10 +149,5 @@ def pack_light_maps(plan: Plan, batch: range, weighting: float) -> bytes:
         row[4, :3], row[4, 3] = fit.centre - plan.origin, MAP_KINDS_NUMBERS[fit.kind]
         row[5, :3] = fit.from_light
         row[5, 3] = np.linalg.norm(fit.from_light)
-        row[6] = (
-            (item.tile % columns) * plan.map_size,
-            (item.tile // columns) * plan.map_size,
-            weighting / item.reference,
-            1.0,
-        )
+        row[6] = (*plan.map_atlas.corner(item.tile), weighting / item.reference, 1.0)
     return rows.tobytes()

@@ -176,13 +176,68 @@ def test_settings(session: Session, values, expected: set[str]) -> None:
     assert session.ran(settings=SETTINGS.replace(**values)) == expected
 
 
-def test_a_light_more_and_a_light_less(session: Session) -> None:
-    """The light that stays keeps its transmittance maps where they keep their place."""
-    more = start()
-    more.lights["/Third"] = point((2.0, 3.0, 1.0), path="/Third")
-    ran = session.ran(more)
-    assert {"shadow_map /Third", "transmittance_map /Third > /A", "transmittance_map /Third > /B"} | LIT <= ran
-    assert session.ran(start()) >= LIT
+THIRD_MAPS = {"shadow_map /Third", "transmittance_map /Third > /A", "transmittance_map /Third > /B"}
+
+
+def with_third(first: bool = False) -> SceneDescription:
+    """The scene and one more light, before or behind the others."""
+    description = start()
+    third = {"/Third": point((2.0, 3.0, 1.0), path="/Third")}
+    lights = {**third, **description.lights} if first else {**description.lights, **third}
+    return replace(description, lights=lights)
+
+
+def without(description: SceneDescription, *paths: str) -> SceneDescription:
+    return replace(description, lights={p: x for p, x in description.lights.items() if p not in paths})
+
+
+@pytest.mark.parametrize("first", [False, True])
+def test_a_light_more_and_a_light_less(session: Session, first: bool) -> None:
+    """All maps of the lights that stay keep their place, though the atlases grow."""
+    assert session.ran(with_third(first)) == THIRD_MAPS | LIT
+    assert session.ran(start()) == LIT
+
+
+@pytest.mark.parametrize("path", ["/Sun", "/Point"])
+def test_a_light_that_is_hidden_and_shown_again(session: Session, path: str) -> None:
+    """No map is made again, its own neither."""
+    assert session.ran(without(start(), path)) == LIT
+    assert session.ran(start()) == LIT
+
+
+@pytest.mark.parametrize("path", ["/Sun", "/Point"])
+def test_a_light_that_is_dimmed_to_nothing(session: Session, path: str) -> None:
+    dark = edited("lights", path, strength=(0.0, 0.0, 0.0))
+    assert session.ran(dark) == LIT
+    assert session.ran(edited("lights", path, strength=(1.0, 2.0, 3.0))) == LIT
+
+
+def test_one_light_after_the_other_alone(session: Session) -> None:
+    """Every map is made once."""
+    assert session.ran(with_third()) == THIRD_MAPS | LIT
+    lights = ("/Sun", "/Point", "/Third")
+    for shown in (*lights, *lights):
+        assert session.ran(without(with_third(), *(p for p in lights if p != shown))) == LIT
+    assert session.ran(without(start(), "/Sun", "/Point")) == LIT
+    assert session.ran(with_third()) == LIT
+
+
+def test_a_light_moved_while_it_was_hidden(session: Session) -> None:
+    """It is not taken for what it was."""
+    assert session.ran(without(start(), "/Point")) == LIT
+    moved = start().lights["/Point"].light_to_world @ translation(0.5, 0.2, 0.1)
+    assert session.ran(edited("lights", "/Point", light_to_world=moved)) == {"shadow_map /Point"} | POINT_MAPS | LIT
+
+
+def test_a_hidden_light_gives_way(session: Session) -> None:
+    """Many others may have its tiles, and then it gets new ones."""
+    session.ran(without(start(), "/Point"))
+    others = without(start(), "/Point")
+    for number in range(5):
+        path = f"/Other{number}"
+        others = replace(others, lights={**others.lights, path: point((number, 3.0, 0.5), path=path)})
+        assert {f"shadow_map {path}", f"transmittance_map {path} > /A"} <= session.ran(others)
+    assert session.ran(start()) <= {"shadow_map /Point"} | POINT_MAPS | LIT
 
 
 def test_a_failed_frame_runs_again(session: Session) -> None:

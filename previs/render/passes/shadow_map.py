@@ -18,7 +18,6 @@ def run_shadow_map(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     fit = light.shadow
     frame.meshes.update(plan.meshes, plan.origin)
     program = frame.shaders.get("shadow_map.vert", "shadow_map.frag")
-    tile, columns = plan.shadow_size, frame.shadows.columns(plan)
     program.set(
         light_position=tuple(fit.position - plan.origin),
         light_far=fit.far,
@@ -28,8 +27,9 @@ def run_shadow_map(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     framebuffer.use()
     frame.context.enable_only(moderngl.DEPTH_TEST)
     for face, matrix in enumerate(fit.matrices):
-        number = light.first_tile + face
-        viewport = ((number % columns) * tile, (number // columns) * tile, tile, tile)
+        tile = light.first_tile + face
+        frame.shadows.owners[tile] = planned.name
+        viewport = (*plan.shadow_atlas.corner(tile), plan.shadow_size, plan.shadow_size)
         framebuffer.viewport = framebuffer.scissor = viewport
         framebuffer.clear(depth=1.0, viewport=viewport)
         program.set(view_projection=gl(relative_to(matrix, plan.origin)))

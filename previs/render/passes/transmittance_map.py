@@ -37,8 +37,8 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
     box_to_world[3, :3] -= fit.centre
     weighting = density_weighting(plan.volumes, settings)
     stored = item.reference / weighting
-    columns = plan.atlas_columns(plan.map_size)
-    left, bottom = (item.tile % columns) * plan.map_size, (item.tile // columns) * plan.map_size
+    left, bottom = plan.map_atlas.corner(item.tile)
+    frame.maps.owners[item.tile] = planned.name
     framebuffer = frame.maps.framebuffer
     for piece in frame.pieces("transmittance_map", (plan.map_size, plan.map_size)):
         with piece:
