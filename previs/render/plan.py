@@ -9,7 +9,7 @@ only if one of these moved.
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -27,7 +27,7 @@ from ..description import (
     volume_world_bounds,
 )
 from ..errors import PrevisError
-from ..index import RenderIndex, camera_key
+from ..index import Entry, RenderIndex, camera_key
 from ..settings import Settings
 from .atlas import AtlasLayout, lay_out
 from .fields import field_dims, packed_bytes, planned_reduction
@@ -58,6 +58,30 @@ MANY_MAPS = 32
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
 #: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
 LOOP_BUDGET = 50_000
+
+
+class _Fits:
+    """What follows from the versions of parts of a scene alone, kept from plan to plan.
+
+    A version never stands for another content in the same process, so nothing here is ever out of date.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._held: dict[Hashable, Any] = {}
+
+    def get(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """What is kept under a key, or else what `make` gives."""
+        if key in self._held:
+            return self._held[key]
+        while len(self._held) >= self._most:
+            self._held.pop(next(iter(self._held)), None)
+        made = self._held[key] = make()
+        return made
+
+
+#: Fits of all maps of a few plans of many lights and volumes; each takes about a kilobyte.
+_fits = _Fits(20_000)
 
 
 @dataclass(frozen=True)
@@ -404,6 +428,15 @@ def _corner_points(boxes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
     return np.concatenate([box_corners(*b) for b in boxes]) if boxes else np.zeros((0, 3))
 
 
+def _mesh_bounds(entry: Entry):
+    return _fits.get(("mesh", entry.versions["shape"]), lambda: mesh_world_bounds(entry.record))
+
+
+def _volume_bounds(entry: Entry):
+    key = ("volume", entry.versions["density"], entry.versions["placement"])
+    return _fits.get(key, lambda: volume_world_bounds(entry.record))
+
+
 def fitting_size(wanted: int, tiles: int, bytes_per_texel: int, limits: DeviceLimits) -> int:
     """The size of square tiles, halved from the wanted one until all fit one atlas and the memory for it."""
     size = min(wanted, limits.texture_size)
@@ -418,13 +451,21 @@ def _plan_shadows(
     volumes, lights, meshes, settings: Settings, limits: DeviceLimits, previous: AtlasLayout | None, passes, notes
 ) -> tuple[tuple[PlannedLight, ...], AtlasLayout]:
     """A shadow map for every light that meshes can keep from something."""
-    mesh_boxes = [b for e in meshes if (b := mesh_world_bounds(e.record)) is not None]
-    media = _corner_points([volume_world_bounds(e.record) for e in volumes])
+    mesh_boxes = [b for e in meshes if (b := _mesh_bounds(e)) is not None]
+    media = _corner_points([_volume_bounds(e) for e in volumes])
     casters = _corner_points(mesh_boxes)
     receivers = np.concatenate([casters, media])
     shapes = tuple((e.record.path, e.versions["shape"]) for e in meshes)
+    # One object stands for all that is around the lights, so that a key is not as long as the scene.
+    around = ("around", shapes, tuple((e.versions["density"], e.versions["placement"]) for e in volumes))
+    surroundings = _fits.get(around, object)
     fits = [
-        shadow_fit(e.record, casters, receivers, media) if len(casters) and e.record.casts_shadows else None
+        _fits.get(
+            ("shadow", e.versions["placement"], surroundings),
+            lambda e=e: shadow_fit(e.record, casters, receivers, media),
+        )
+        if len(casters) and e.record.casts_shadows
+        else None
         for e in lights
     ]
     faces = sum(len(fit.matrices) for fit in fits if fit is not None)
@@ -502,7 +543,8 @@ def _plan_maps(
             entry = volumes[volume_number]
             volume = entry.record
             strength = [s for s in volume.medium.strength if s > 0.0]
-            fit = light_map(light, volume, size)
+            versions = (light_entry.versions["placement"], entry.versions["density"], entry.versions["placement"])
+            fit = _fits.get(("map", versions, size), lambda x=light, v=volume: light_map(x, v, size))
             tile = layout.spans[light.path, volume.path].start
             item = PlannedMap(light_number, volume_number, fit, tile, max(strength), min(strength))
             planned.append(item)

@@ -1,11 +1,27 @@
 """A plan holds what the scene needs and nothing else; it is made without OpenGL."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from building import box, box_mesh, camera, distant, index_of, point, scene, smooth_noise, sphere, spot, volume
+from building import (
+    box,
+    box_mesh,
+    camera,
+    distant,
+    index_of,
+    point,
+    scene,
+    smooth_noise,
+    sphere,
+    spot,
+    translation,
+    volume,
+)
 
 from previs import Medium, PrevisError, Settings
 from previs.description import SceneDescription, Shaping
+from previs.index import RenderIndex
 from previs.render.plan import Plan, make_plan
 
 NOISE = smooth_noise((8, 8, 8))
@@ -201,3 +217,26 @@ def test_a_field_too_large_is_reduced_and_said_so() -> None:
     made = plan(scene(volume(np.ones((100, 100, 100)), Medium())), field_memory=1)
     assert any(n.path == "/Volume" and "2³" in n.message for n in made.notes)
     assert made.passes[0].memory < 1.5 * 2**20
+
+
+def test_an_edit_fits_what_it_moves_anew() -> None:
+    """Fits are kept from plan to plan of one index; they are those of a plan made from nothing."""
+    index = RenderIndex()
+    cloud, solid = volume(NOISE, Medium()), box_mesh((-1, -3, -1), (1, -2, 1))
+    sun, lamp = distant((0.2, -1, 0)), point((0, 3, 0))
+    aside = translation(0.5, 0.25, 0.0)
+    steps = [
+        scene(cloud, solid, sun, lamp),
+        scene(replace(cloud, local_to_world=aside), solid, sun, lamp),
+        scene(cloud, replace(solid, local_to_world=aside[None]), sun, lamp),
+        scene(cloud, solid, replace(sun, light_to_world=distant((1, -1, 0)).light_to_world), lamp),
+        scene(volume(NOISE[2:], Medium()), solid, sun, replace(lamp, light_to_world=translation(0, 4, 0))),
+        scene(cloud, solid, sun, lamp),
+    ]
+    for description in steps:
+        index.update(description)
+        kept = make_plan(index, VIEW, 64, 36, Settings())
+        fresh = make_plan(index_of(description), VIEW, 64, 36, Settings())
+        assert [m.fit.key() for m in kept.maps] == [m.fit.key() for m in fresh.maps]
+        assert [x.shadow.key() for x in kept.lights] == [x.shadow.key() for x in fresh.lights]
+        assert kept.map_size == fresh.map_size
