@@ -27,7 +27,7 @@ DEFAULT_WIDTH = 960
 
 
 def open(path: str | PathLike[str], session_layer: str | PathLike[str] | None = None) -> Scene:
-    """Open a USD stage (.usd, .usda, .usdc, .usdz) for rendering and editing.
+    """Open a USD stage (.usd, .usda, .usdc, .usdz) for rendering and editing, or a .vdb file on a default stage.
 
     Args:
         path: the stage.

@@ -13,7 +13,7 @@ _PURPOSES = ("default", "render", "proxy", "guide")
 
 def add_stage_arguments(parser: argparse.ArgumentParser) -> None:
     """The stage, what of it to show, and how large."""
-    parser.add_argument("stage", metavar="STAGE", help="USD stage: .usd, .usda, .usdc or .usdz")
+    parser.add_argument("stage", metavar="STAGE", help="USD stage: .usd, .usda, .usdc or .usdz; or a .vdb file")
     parser.add_argument(
         "--imageWidth", "-w", type=_positive, metavar="PIXELS", help="width of the image (default: 960)"
     )

@@ -21,8 +21,8 @@ def reload_layers(stage: Usd.Stage) -> None:
     """
     failures = []
     for layer in stage.GetUsedLayers():
-        # One that somebody changed in memory keeps that.
-        if layer.anonymous or layer.dirty:
+        # Reading one again may have dropped others. One that somebody changed in memory keeps that.
+        if not layer or layer.anonymous or layer.dirty:
             continue
         if not os.path.exists(outer_file(layer.realPath)):
             failures.append(f"{layer.realPath}: is gone; what was read of it stays")
@@ -32,7 +32,9 @@ def reload_layers(stage: Usd.Stage) -> None:
                 layer.Reload()
         except Tf.ErrorException as error:
             failures.append(f"{layer.realPath}: cannot be read as USD: {one_line(error)}")
-    if not failures:
+    # Reloading the stage looks for layers that were missing, and would empty those that are in memory only.
+    below_session = stage.GetLayerStack(includeSessionLayers=False)
+    if not failures and not any(layer.anonymous for layer in below_session):
         try:
             with quiet_diagnostics():
                 stage.Reload()

@@ -31,6 +31,7 @@ from ..stage.opening import FilePath
 from ..stage.render_settings import read_knobs
 from ..stage.values import time_code
 from .arguments import Vector
+from .bare_vdb import furnish, is_bare_vdb, layer_of
 from .building import SceneBuilder
 from .files import missing_layers, overrides_for, read_overrides, reload_layers
 from .knobs import author_setting, known_setting, reset_settings
@@ -87,7 +88,7 @@ class Scene(SceneBuilder):
         keep_going: bool = False,
         render_settings: str | None = None,
     ) -> Scene:
-        """Open a USD file.
+        """Open a USD file, or a .vdb file on a default stage in memory with a sun, a ground and a camera.
 
         `session_layer` is a layer file over the stage, such as one written by `save_overrides`. `mask` limits the
         stage to these prim paths; `variants` maps prim paths to {variant set: variant}. `purposes` are shown
@@ -96,15 +97,21 @@ class Scene(SceneBuilder):
         choice. Raises `PrevisError` when a file or prim is missing or damaged.
         """
         scene = cls.__new__(cls)
-        stage = open_stage(path, session_layer, mask, variants)
+        bare = is_bare_vdb(path)
+        stage = open_stage(path, session_layer, mask, variants, layer_of(path) if bare else None)
         stage.SetEditTarget(stage.GetSessionLayer())
-        scene._set_up(stage, StageReader(stage, purposes, None, keep_going, render_settings), opened=True)
+        reader = StageReader(stage, purposes, None, keep_going, render_settings)
+        scene._set_up(stage, reader, opened=True)
+        if bare:
+            scene._bare = True
+            reader.opening_notes = (furnish(stage, reader, path),)
         return scene
 
     def _set_up(self, stage: Usd.Stage, reader: StageReader, opened: bool) -> None:
         self._stage: Usd.Stage | None = stage
         self._reader = reader
         self._opened = opened
+        self._bare = False
         self._voxel_files = VoxelFiles()
         self._edits = Edits(stage, opened)
         self._known: dict[str, Any] = {}
@@ -402,10 +409,14 @@ class Scene(SceneBuilder):
 
         A session layer that the scene was opened with is part of it, and what the file holds already where the
         stage has it as a sublayer: over the stage the file gives the same picture. Voxels added since go to .vdb
-        files beside it. Raises ValueError for a scene that was not opened from a file (use `save`), `PrevisError` for
+        files beside it. Of a .vdb file, which has no stage to lie over, the whole scene is written, as by `save`.
+        Raises ValueError for a scene that was not opened from a file (use `save`), `PrevisError` for
         a file that the stage itself is in, and what `save` raises.
         """
         self._require_opened("save() writes all of it")
+        if self._bare:
+            self.save(path)
+            return
         with quiet_diagnostics():
             export(overrides_for(self.stage, Path(path)), Path(path), self._voxel_files)
 

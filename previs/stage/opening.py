@@ -20,20 +20,22 @@ def open_stage(
     session_layer: FilePath | None = None,
     mask: Iterable[str] | str | None = None,
     variants: Mapping[str, Mapping[str, str]] | None = None,
+    root: Sdf.Layer | None = None,
 ) -> Usd.Stage:
     """Open a .usd, .usda, .usdc or .usdz file with all payloads.
 
     `session_layer` is a layer file composed over the stage. Edits never change that file: they go to an anonymous
-    layer above it. `mask` limits the stage to these prim paths, what they bind or connect to, and the
-    render settings. `variants` maps
-    prim paths to {variant set: variant}; the choice is authored on a layer below the session layer.
+    layer above it. `mask` limits the stage to these prim paths, what they bind or connect to, and the render settings.
+    `variants` maps prim paths to {variant set: variant}; the choice is authored on a layer below the session layer.
+    `root` is a layer to open instead of the file, which then only has its name in messages.
 
     Raises `PrevisError`, one line that names the file or prim, when the file is missing, is no stage or is damaged, or
     when a mask path, prim or variant does not exist.
     """
     name = os.fspath(path)
     with quiet_diagnostics():
-        root = open_layer(name)
+        if root is None:
+            root = open_layer(name)
         session = Sdf.Layer.CreateAnonymous("session.usda")
         if session_layer is not None:
             layer = open_layer(os.fspath(session_layer))
@@ -73,7 +75,8 @@ def open_layer(name: str) -> Sdf.Layer:
         ending = Path(name).suffix or "no ending"
         raise PrevisError(f"{name}: not a USD file ({ending}); expected .usd, .usda, .usdc or .usdz")
     try:
-        layer = Sdf.Layer.FindOrOpen(name)
+        # By its absolute path: what it says must not depend on the working folder of later.
+        layer = Sdf.Layer.FindOrOpen(resolved.GetPathString())
     except Tf.ErrorException as error:
         raise PrevisError(f"{name}: cannot be read as USD: {one_line(error)}") from error
     if layer is None:

@@ -53,8 +53,8 @@ class StageReader:
     `purposes` are the purposes shown besides "default". `mask` limits the reading to these prims and what is below
     them; materials elsewhere still count. With `keep_going` a volume whose field cannot be read is left out with a
     note instead of failing the reading. `render_settings` is the RenderSettings prim to follow instead of the stage's
-    own choice. `counters` counts the work done so far: "prims" translated, "grids" read from
-    files, "geometry" built.
+    own choice. `opening_notes` are said besides those of the reading. `counters` counts the work done so far: "prims"
+    translated, "grids" read from files, "geometry" built.
     """
 
     def __init__(
@@ -81,6 +81,7 @@ class StageReader:
         self._stage_notes: list[Note] = []
         self._scene: SceneDescription | None = None
         self._recheck = False
+        self.opening_notes: tuple[Note, ...] = ()
 
     @property
     def pending(self) -> bool:
@@ -166,7 +167,7 @@ class StageReader:
         return self._grids.holds(request.file, request.name, request.index)
 
     def files(self) -> tuple[str, ...]:
-        """The files that the picture depends on: layers, and the .vdb files of the time read last, missing ones too."""
+        """The files of the picture: layers, and the .vdb files of the time read last, missing ones too."""
         found: dict[str, None] = {}
         with quiet_diagnostics():
             for layer in self.stage.GetUsedLayers():
@@ -338,7 +339,9 @@ class StageReader:
         lights: dict[str, Light] = {}
         meshes: dict[str, Mesh] = {}
         cameras: dict[str, Camera] = {}
-        notes = dict.fromkeys((*self._stage_notes, *read_knobs(self.stage, self.settings_prim())[1]))
+        notes = dict.fromkeys(
+            (*self.opening_notes, *self._stage_notes, *read_knobs(self.stage, self.settings_prim())[1])
+        )
         for out in translations:
             for records, target in ((out.volumes, volumes), (out.lights, lights), (out.meshes, meshes)):
                 for record in records:

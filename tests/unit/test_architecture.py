@@ -24,7 +24,7 @@ ALLOWED = {
     "io": {"errors", "image"},
     "render": {"errors", "blackbody", "description", "settings", "index", "image", "io"},
     "stage": {"errors", "description", "settings", "index", "vdb"},
-    "scene": {"errors", "description", "settings", "index", "vdb", "stage"},
+    "scene": {"errors", "blackbody", "description", "settings", "index", "vdb", "stage"},
     "api": {"errors", "description", "settings", "index", "image", "io", "render", "scene"},
     "__init__": {"*"},
     "commands": {"*"},

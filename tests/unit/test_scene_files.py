@@ -150,6 +150,20 @@ def test_what_was_missing_is_found(shot, tmp_path, keep_going):
         assert scene.authored_light("/L").intensity == 2
 
 
+def test_reloading_keeps_what_is_in_memory_only(tmp_path):
+    with Scene() as scene:
+        scene.add_ground()
+        scene.reload()
+        assert scene.describe().meshes
+        assert scene.files() == ()
+    path = tmp_path / "a.usda"
+    variants = 'def "A" (prepend variantSets = "v") { variantSet "v" = { "x" { def Sphere "S" {}\n }\n } }'
+    path.write_text(usda(variants))
+    with Scene.open(path, variants={"/A": {"v": "x"}}) as scene:
+        scene.reload()
+        assert scene.describe().meshes
+
+
 def test_a_damaged_layer_keeps_what_was_read(shot, tmp_path):
     with Scene.open(shot) as scene:
         scene.describe()
