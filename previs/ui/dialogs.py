@@ -286,7 +286,7 @@ class FileBrowser:
             text = f"{os.path.basename(self._replace)} is there already. Replace it?"
             imgui.text_colored(ImVec4(*WARNING), text)
         answer = None
-        choice = em(11)
+        choice = em(15)
         imgui.align_text_to_frame_padding()
         imgui.text_unformatted("Name")
         imgui.same_line()

@@ -22,6 +22,8 @@ Scale = Literal["linear", "log"]
 #: The lowest transmittance of the logarithmic plot.
 LOG_FLOOR = 1e-4
 _TRUTH = CURVES[0]
+#: The ends of the range that the first curve's map was stored over, mostly that of all.
+_MARK: Rgba = (0.72, 0.72, 0.72, 1.0)
 _CHANNELS: dict[str, str] = {"mean": "Mean", "red": "R", "green": "G", "blue": "B"}
 
 
@@ -144,11 +146,12 @@ def _draw_plot(probe: TransmittanceProbe, channel: Channel, height: float) -> No
     flags = implot.Flags_.no_mouse_text | implot.Flags_.no_box_select | implot.Flags_.no_title
     implot.push_style_var(implot.StyleVar_.plot_padding, ImVec2(em(0.3), em(0.4)))
     implot.push_style_var(implot.StyleVar_.label_padding, ImVec2(em(0.25), em(0.2)))
+    implot.push_style_var(implot.StyleVar_.plot_min_size, ImVec2(em(6.0), em(6.0)))
     if not implot.begin_plot("##transmittance", ImVec2(-1.0, height), int(flags)):
-        implot.pop_style_var(2)
+        implot.pop_style_var(3)
         return
     x, y = implot.ImAxis_.x1, implot.ImAxis_.y1
-    implot.setup_axes("distance along the light's ray", "transmittance", 0, 0)
+    implot.setup_axes("distance along the light's ray", "", 0, 0)
     condition = imgui.Cond_.always if _state.fit else imgui.Cond_.once
     lower = LOG_FLOOR if logarithmic else -0.05
     upper = 1.5 if logarithmic else 1.05
@@ -165,7 +168,7 @@ def _draw_plot(probe: TransmittanceProbe, channel: Channel, height: float) -> No
         return np.maximum(line, 0.1 * LOG_FLOOR) if logarithmic else line
 
     distance = np.ascontiguousarray(probe.distance, float)
-    _line("true", distance, shown(probe.march.transmittance), _TRUTH, em(0.2))
+    _line("true", distance, shown(probe.march.transmittance), _TRUTH, em(0.27))
     if probe.visibility.min() < 0.999:
         _line("past surfaces", distance, shown(np.repeat(probe.visibility[:, None], 3, 1)), (*DIM[:3], 0.7), em(0.08))
     for i, curve in enumerate(probe.curves):
@@ -174,7 +177,7 @@ def _draw_plot(probe: TransmittanceProbe, channel: Channel, height: float) -> No
     if implot.is_plot_hovered():
         _readout(probe, channel)
     implot.end_plot()
-    implot.pop_style_var(2)
+    implot.pop_style_var(3)
 
 
 def _interesting(probe: TransmittanceProbe) -> tuple[float, float]:
@@ -210,7 +213,7 @@ def _marks(probe: TransmittanceProbe, channel: Channel) -> None:
             known = any(abs(k - other) < 2e-3 * (limits.x.max - limits.x.min) for other in spoken)
             spoken.append(k)
             if not known:
-                _down(paint, limits, k, name, CURVES[1 + i % 4])
+                _down(paint, limits, k, name, _MARK if i == 0 else CURVES[1 + i % 4])
     value = float(np.interp(probe.picked, probe.distance, channel_of(probe.march.transmittance, channel)))
     at = implot.plot_to_pixels(probe.picked, max(value, LOG_FLOOR) if _state.scale == "log" else value)
     top = implot.plot_to_pixels(probe.picked, limits.y.max)
@@ -224,7 +227,8 @@ def _marks(probe: TransmittanceProbe, channel: Channel) -> None:
 def _across(paint: Any, limits: Any, value: float, name: str) -> None:
     left, right = implot.plot_to_pixels(limits.x.min, value), implot.plot_to_pixels(limits.x.max, value)
     _dashes(paint, left, right, packed(WARNING, 0.65))
-    paint.add_text(ImVec2(left.x + em(0.3), left.y - em(1.1)), packed(WARNING, 0.9), name)
+    size = imgui.calc_text_size(name)
+    paint.add_text(ImVec2(right.x - size.x - em(0.3), left.y - em(1.1)), packed(WARNING, 0.9), name)
 
 
 def _down(paint: Any, limits: Any, value: float, name: str, color: Rgba) -> None:
@@ -233,8 +237,8 @@ def _down(paint: Any, limits: Any, value: float, name: str, color: Rgba) -> None
     size = imgui.calc_text_size(name)
     end = implot.get_plot_pos().x + implot.get_plot_size().x
     x = top.x + em(0.2) if top.x + size.x + em(0.3) < end else top.x - size.x - em(0.2)
-    # In the middle, where neither the legend nor the threshold is.
-    paint.add_text(ImVec2(x, 0.5 * (top.y + bottom.y)), packed(color, 0.9), name)
+    # Low, where neither the legend nor, in either scale, a usual threshold is.
+    paint.add_text(ImVec2(x, bottom.y - 0.3 * (bottom.y - top.y)), packed(color, 0.9), name)
 
 
 def _dashes(paint: Any, a: ImVec2, b: ImVec2, color: int) -> None:

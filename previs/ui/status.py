@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -49,6 +50,8 @@ def what_ran(executed: Iterable[str]) -> str:
     counts: dict[str, int] = {}
     for name in executed:
         counts[kind_of(name)] = counts.get(kind_of(name), 0) + 1
+    if set(PASSES) <= set(counts):
+        return "everything"
     names = [PASSES[kind][0] for kind in PASSES if kind in counts]
     names += [kind for kind in counts if kind not in PASSES]
     return ", ".join(names) if names else "nothing"
@@ -106,15 +109,19 @@ def draw_status(app: Any) -> None:
     _part(duration(total) if picture.times else "–", "Time of the picture shown", first=True)
     _part(f"ran: {what_ran(picture.executed)}", "What ran again for the last change:\n" + "\n".join(picture.executed))
     _draw_progress(picture)
+    right = _right(app)
     if picture.plan is not None:
         memory = sum(p.memory for p in picture.plan.passes)
         lines = "\n".join(f"{p.name}: {byte_count(p.memory)}" for p in picture.plan.passes)
-        _part(byte_count(memory), f"Memory on the GPU\n{lines}")
-    _draw_contents(app.document.description)
-    _draw_right(app)
+        _part(byte_count(memory), f"Memory on the GPU\n{lines}", room=right)
+    _draw_contents(app.document.description, right)
+    _draw_right(app, right)
 
 
-def _part(text: str, hint: str, first: bool = False) -> None:
+def _part(text: str, hint: str, first: bool = False, room: float = math.inf) -> None:
+    """A piece of text after a line; left out where it would reach beyond `room`, a screen position."""
+    if imgui.get_item_rect_max().x + imgui.calc_text_size(text).x + em(2.0) > room:
+        return
     if not first:
         _separator()
     imgui.text_unformatted(text)
@@ -172,7 +179,7 @@ def _draw_progress(picture: Any) -> None:
         tooltip("The level that is shown, and how far the next one is. Draft and medium use fewer pixels and steps.")
 
 
-def _draw_contents(description: SceneDescription) -> None:
+def _draw_contents(description: SceneDescription, room: float) -> None:
     voxels = voxel_count(description)
     volumes = len(description.volumes)
     lines = [f"{len(description.meshes)} meshes, {len(description.lights)} lights, {len(description.cameras)} cameras"]
@@ -184,18 +191,28 @@ def _draw_contents(description: SceneDescription) -> None:
         lines.append(f"and {volumes - 12} more")
     noun = "volume" if volumes == 1 else "volumes"
     text = f"{volumes} {noun}" + (f", {short_count(voxels)} voxels" if voxels else "")
-    _part(text, "On the stage\n" + "\n".join(lines))
+    _part(text, "On the stage\n" + "\n".join(lines), room=room)
 
 
-def _draw_right(app: Any) -> None:
+def _right_texts(app: Any) -> tuple[str, str]:
+    """The window's own rate, and the warnings in short."""
+    count = len(warnings(app)) + bool(app.document.error)
+    label = f"{icons_fontawesome.ICON_FA_EXCLAMATION_TRIANGLE} {count}" if count else "no warnings"
+    return duration(app.frames.median), label
+
+
+def _right(app: Any) -> float:
+    """Screen position where the right part begins."""
+    size = imgui.calc_text_size("".join(_right_texts(app))).x + em(1.4)
+    return imgui.get_window_pos().x + imgui.get_window_width() - size - imgui.get_style().window_padding.x
+
+
+def _draw_right(app: Any, begin: float) -> None:
     """At the right end: the window's own rate, and the warnings."""
     notes = warnings(app)
     error = app.document.error
-    rate = duration(app.frames.median)
-    icon = icons_fontawesome.ICON_FA_EXCLAMATION_TRIANGLE
-    label = f"{icon} {len(notes) + bool(error)}" if notes or error else "no warnings"
-    size = imgui.calc_text_size(f"{rate}    {label}").x + em(1.2)
-    imgui.same_line(max(imgui.get_window_width() - size - imgui.get_style().window_padding.x, imgui.get_cursor_pos_x()))
+    rate, label = _right_texts(app)
+    imgui.same_line(begin - imgui.get_window_pos().x)
     imgui.text_disabled(rate)
     tooltip("Time between two frames of the window")
     imgui.same_line(0.0, em(0.8))

@@ -12,10 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
+from imgui_bundle import ImVec2, icons_fontawesome, imgui
 
 from ..description import Color
-from .knobs import Knob, chroma, decoded, encoded, magnitude, scaled
+from .knobs import Knob, chroma, decoded, encoded, magnitude, number, scaled
 from .theme import (
     ACCENT,
     ANIMATED,
@@ -33,8 +33,10 @@ from .theme import (
     tooltip_now,
 )
 
-#: Width of the labels before the controls, and of the mark before the labels, in em.
+#: Width of the labels before the controls, and of the mark before the labels, in em. In a narrow panel labels take
+#: no more than a part of the width.
 LABEL_WIDTH, MARK_WIDTH = 8.2, 0.55
+_LABEL_PART = 0.42
 _DRAG_THRESHOLD = 2.0
 
 
@@ -131,9 +133,8 @@ def draw(app: Any, knob: Knob, binding: Binding, reserve: float = 0.0) -> None:
 
 def label_row(label: str, hint: str = "") -> float:
     """A label without a knob, in the layout of knobs; returns the width that is left for what follows."""
-    imgui.align_text_to_frame_padding()
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(MARK_WIDTH))
-    imgui.text_unformatted(label)
+    _label_text(label, "")
     if hint:
         tooltip(hint)
     return _to_control()
@@ -141,14 +142,34 @@ def label_row(label: str, hint: str = "") -> float:
 
 def skip_label() -> float:
     """Go to where controls begin, for what belongs to the knob above; returns the width that is left."""
-    imgui.set_cursor_pos_x(imgui.get_style().window_padding.x + em(MARK_WIDTH + LABEL_WIDTH))
+    imgui.set_cursor_pos_x(_control_start())
     return max(imgui.get_content_region_avail().x, em(3.0))
+
+
+def _control_start() -> float:
+    """Window position at which controls begin."""
+    padding = imgui.get_style().window_padding.x
+    room = imgui.get_window_width() - 2.0 * padding
+    return padding + min(em(MARK_WIDTH + LABEL_WIDTH), max(_LABEL_PART * room, em(4.0)))
 
 
 def _to_control() -> float:
-    start = imgui.get_style().window_padding.x + em(MARK_WIDTH + LABEL_WIDTH)
-    imgui.same_line(start)
-    return max(imgui.get_content_region_avail().x, em(3.0))
+    imgui.same_line(_control_start())
+    return max(imgui.get_content_region_avail().x, em(2.5))
+
+
+def _label_text(label: str, icon: str) -> None:
+    """A label, cut off where the control begins, with an icon behind it."""
+    imgui.align_text_to_frame_padding()
+    corner = imgui.get_cursor_screen_pos()
+    room = _control_start() - imgui.get_cursor_pos_x() - em(0.2)
+    imgui.push_clip_rect(corner, ImVec2(corner.x + room, corner.y + imgui.get_frame_height()), True)
+    imgui.text_unformatted(label)
+    imgui.pop_clip_rect()
+    if icon:
+        size = imgui.calc_text_size(label).x
+        at = ImVec2(corner.x + min(size + em(0.35), room - em(0.9)), corner.y + imgui.get_style().frame_padding.y)
+        imgui.get_window_draw_list().add_text(at, packed(ANIMATED), icon)
 
 
 def row(knob: Knob, binding: Binding) -> float:
@@ -163,14 +184,9 @@ def row(knob: Knob, binding: Binding) -> float:
             stage = knob.format(binding.stage)
             tooltip_now(f"Changed\nThe stage says {stage}. Right-click the knob to go back to it.")
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + em(MARK_WIDTH))
-    imgui.align_text_to_frame_padding()
-    imgui.text_unformatted(knob.label)
+    _label_text(knob.label, icons_fontawesome.ICON_FA_KEY if binding.animated is not None else "")
     tooltip(_explanation(knob, binding))
     _menu(knob, binding, f"{knob.name}_label_menu")
-    if binding.animated is not None:
-        imgui.same_line(0.0, em(0.3))
-        imgui.text_colored(ImVec4(*ANIMATED), icons_fontawesome.ICON_FA_KEY)
-        tooltip(f"Animated on the stage\nA change is made at time {binding.animated:g} alone.")
     return _to_control()
 
 
@@ -178,6 +194,8 @@ def _explanation(knob: Knob, binding: Binding) -> str:
     text = knob.tooltip()
     if binding.edited:
         text += f"\nThe stage's value: {knob.format(binding.stage)}."
+    if binding.animated is not None:
+        text += f"\nAnimated on the stage: a change is made at time {binding.animated:g} alone."
     return text
 
 
@@ -238,7 +256,8 @@ def _slider(app: Any, knob: Knob, binding: Binding, width: float) -> None:
         if not same(value, binding.value):
             _write_held(app, knob, binding, value)
     _maybe_type(knob, binding.value)
-    _paint_slider(knob, float(binding.value), binding.hint or knob.format(binding.value), width, _bar_color(knob.name))
+    texts = (binding.hint or knob.format(binding.value), knob.format(binding.value, unit=False))
+    _paint_slider(knob, float(binding.value), texts, width)
     _explain(knob, binding)
     _menu(knob, binding, f"{knob.name}_menu")
 
@@ -289,12 +308,9 @@ def _rounded(knob: Knob, value: float, fine: bool) -> float:
     return round(value / quantum) * quantum if quantum > 0.0 else value
 
 
-def _bar_color(name: str) -> tuple[float, float, float, float]:
-    return FILL_ACTIVE if imgui.is_item_active() and _now.held == name else FILL
-
-
-def _paint_slider(knob: Knob, value: float, text: str, width: float, fill: Any, dimmed: bool = False) -> None:
-    """Frame, fill and value over the last item's rectangle."""
+def _paint_slider(knob: Knob, value: float, texts: tuple[str, ...], width: float) -> None:
+    """Frame, fill and the longest text that fits, over the last item's rectangle."""
+    fill = FILL_ACTIVE if imgui.is_item_active() and _now.held == knob.name else FILL
     lo, hi = imgui.get_item_rect_min(), imgui.get_item_rect_max()
     paint = imgui.get_window_draw_list()
     rounding = imgui.get_style().frame_rounding
@@ -313,12 +329,10 @@ def _paint_slider(knob: Knob, value: float, text: str, width: float, fill: Any, 
         if low < 0.0:
             x = round(lo.x + width * zero)
             paint.add_line(ImVec2(x, lo.y), ImVec2(x, hi.y), packed(DIM, 0.6))
-    size = imgui.calc_text_size(text)
     padding = imgui.get_style().frame_padding
-    if size.x > hi.x - lo.x - padding.x:
-        text = knob.format(value, unit=False) if knob.kind != "color" else text.rsplit(" ", 1)[0]
-        size = imgui.calc_text_size(text)
-    color = DIM if dimmed or automatic else TEXT
+    text = next((t for t in texts if imgui.calc_text_size(t).x <= hi.x - lo.x - 1.5 * padding.x), texts[-1])
+    size = imgui.calc_text_size(text)
+    color = DIM if automatic else TEXT
     paint.push_clip_rect(lo, hi, True)
     paint.add_text(ImVec2(hi.x - size.x - padding.x, lo.y + padding.y), packed(color), text)
     paint.pop_clip_rect()
@@ -477,7 +491,9 @@ def _color(app: Any, knob: Knob, binding: Binding, width: float) -> None:
     if moved is not None:
         _write_color(app, knob, binding, scaled(color, moved, shown))
     _maybe_type(knob, color)
-    _paint_slider(knob, magnitude(color), knob.format(color), rest, _bar_color(knob.name))
+    short = ", ".join(f"{c:.2g}" for c in color)
+    texts = (knob.format(color), knob.format(color, unit=False), short, number(magnitude(color), 2))
+    _paint_slider(knob, magnitude(color), texts, rest)
     _explain(knob, binding)
     _menu(knob, binding, f"{knob.name}_menu")
 
