@@ -7,7 +7,7 @@ from typing import Any
 from pxr import Sdf, Usd, UsdGeom, UsdRender
 
 from ..settings import BY_NAME, Setting
-from ..stage.render_settings import KNOB_PREFIX, KNOBS_PATH
+from ..stage.render_settings import KNOB_PREFIX, KNOBS_PATH, needs_metadata
 from .attributes import remove_property, set_value
 
 # Numbers are doubles, so that what is read is what was set.
@@ -27,11 +27,19 @@ def known_setting(name: str) -> Setting:
 
 
 def author_setting(stage: Usd.Stage, prim: Usd.Prim | None, name: str, value: Any) -> None:
-    """Author a checked value on a RenderSettings prim; without one `/Render/previs` is made."""
-    if prim is None:
+    """Author a checked value on a RenderSettings prim; without one `/Render/previs` is made.
+
+    It is made too where the prim would not be found below another root layer.
+    """
+    if prim is None or needs_metadata(prim):
         if not stage.GetPrimAtPath(KNOBS_PATH.GetParentPath()):
             UsdGeom.Scope.Define(stage, KNOBS_PATH.GetParentPath())
-        prim = UsdRender.Settings.Define(stage, KNOBS_PATH).GetPrim()
+        _author(UsdRender.Settings.Define(stage, KNOBS_PATH).GetPrim(), name, value)
+    if prim is not None:
+        _author(prim, name, value)
+
+
+def _author(prim: Usd.Prim, name: str, value: Any) -> None:
     attribute = prim.GetAttribute(KNOB_PREFIX + name)
     if not attribute:
         attribute = prim.CreateAttribute(KNOB_PREFIX + name, _KINDS[known_setting(name).type], True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from ..description import ANISOTROPY_LIMIT, PHASES, Color, Medium, Surface
@@ -256,8 +257,11 @@ def _legal_medium(values: dict[str, Any], prim: Usd.Prim, out: Translation) -> M
 
 
 def extinction_and_albedo(scattering: Color, absorption: Color) -> tuple[Color, Color]:
-    """(σt, ρ) from (σs, σa), per channel; the albedo is 0 where there is no extinction."""
-    extinction = tuple(s + a for s, a in zip(scattering, absorption, strict=True))
+    """(σt, ρ) from (σs, σa), per channel; the albedo is 0 where there is no extinction.
+
+    The extinction is a number that a color3f can hold, so that authoring it instead changes nothing.
+    """
+    extinction = tuple(float(np.float32(s + a)) for s, a in zip(scattering, absorption, strict=True))
     albedo = tuple(s / t if t > 0.0 else 0.0 for s, t in zip(scattering, extinction, strict=True))
     return extinction, albedo
 

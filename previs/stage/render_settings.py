@@ -48,6 +48,15 @@ def settings_prim(stage: Usd.Stage, path: str | None = None) -> Usd.Prim | None:
     selected = UsdRender.Settings.GetStageRenderSettings(stage)
     if selected:
         return selected.GetPrim()
+    return _only_settings(stage)
+
+
+def needs_metadata(prim: Usd.Prim) -> bool:
+    """Whether a RenderSettings prim is found only because it is asked for, or by the metadata of the root layer."""
+    return prim.GetPath() != KNOBS_PATH and _only_settings(prim.GetStage()) != prim
+
+
+def _only_settings(stage: Usd.Stage) -> Usd.Prim | None:
     found = [prim for prim in stage.Traverse() if prim.IsA(UsdRender.Settings)]
     if len(found) > 1:
         found = [prim for prim in found if prim.GetPath() != KNOBS_PATH]

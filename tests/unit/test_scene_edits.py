@@ -719,3 +719,80 @@ def test_saved_knobs_are_found_below_another_root(shot, tmp_path):
     with Scene.open(tmp_path / "both.usda") as scene:
         assert scene.settings()["coefficients"] == 14
         assert scene.medium("/W/V").albedo == (0.125, 0.125, 0.125)
+
+
+def test_knobs_of_render_settings_that_the_metadata_choose(shot, tmp_path):
+    body = BOUND + RENDER % "main" + 'def RenderSettings "other" {}'
+    path = shot(body=body)
+    path.write_text(path.read_text().replace("#usda 1.0\n", '#usda 1.0\n( renderSettingsPrimPath = "/Render/main" )\n'))
+    with Scene.open(path) as scene:
+        empty = scene.snapshot()
+        scene.set_setting("coefficients", 14)
+        assert scene.stage.GetAttributeAtPath("/Render/main.previs:coefficients").Get() == 14
+        scene.save_overrides(tmp_path / "look.usda")
+        scene.reset_settings("coefficients")
+        assert scene.snapshot() == empty
+    # Metadata of a sublayer do not count.
+    (tmp_path / "both.usda").write_text("#usda 1.0\n(\n subLayers = [@./look.usda@, @./shot.usda@]\n)\n")
+    with Scene.open(tmp_path / "both.usda") as scene:
+        assert scene.settings()["coefficients"] == 14
+
+
+# --- saved edits over the shot --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("body", [BOUND, UNBOUND, INTERFACE])
+@pytest.mark.parametrize("inputs", ["", PAIR, MOVING])
+def test_saved_edits_over_the_shot_describe_the_same(shot, tmp_path, body, inputs):
+    def content(described):
+        records = {**described.volumes, **described.lights, **described.meshes, **described.cameras}
+        return {path: record.parts() for path, record in records.items()}, described.notes
+
+    path = shot(inputs, body)
+    with Scene.open(path) as scene:
+        scene.set_medium("/W/V", albedo=0.25, time=1.0)
+        scene.set_medium("/W/V", phase="two_lobe", anisotropy=-0.5)
+        scene.set_light("/W/Key", intensity=7, cone_angle=20, position=(1, 2, 3), casts_shadows=False)
+        scene.set_visible("/W/Ball", False)
+        scene.add_distant_light("/Sun", (1, -1, 0), irradiance=3)
+        scene.remove("/W/Cam")
+        scene.save_overrides(tmp_path / "look.usda")
+        expected = [content(scene.describe(t)) for t in (1, 2, 3)]
+    (tmp_path / "both.usda").write_text("#usda 1.0\n(\n subLayers = [@./look.usda@, @./shot.usda@]\n)\n")
+    for options in ((tmp_path / "both.usda",), (path, tmp_path / "look.usda")):
+        with Scene.open(*options) as scene:
+            assert [content(scene.describe(t)) for t in (1, 2, 3)] == expected
+    with Scene.open(path) as scene:
+        scene.load_overrides(tmp_path / "look.usda")
+        assert [content(scene.describe(t)) for t in (1, 2, 3)] == expected
+        scene.reset_medium("/W/V")
+        scene.reset_light("/W/Key")
+        scene.set_visible("/W/Ball", True)
+        assert scene.medium("/W/V") == scene.authored_medium("/W/V")
+        assert scene.light_values("/W/Key") == scene.authored_light("/W/Key")
+
+
+def test_an_albedo_edit_of_scattering_and_absorption_leaves_the_light_maps(shot):
+    pair = "color3f inputs:scattering = (0.1, 0.3, 0.7)\ncolor3f inputs:absorption = (0.2, 0.7, 0.1)"
+    with Scene.open(shot(pair)) as scene:
+        index = RenderIndex()
+        index.update(scene.describe())
+        empty = scene.snapshot()
+        for change in (lambda: scene.set_medium("/W/V", albedo=0.25), lambda: scene.restore(empty)):
+            before = versions(index)
+            change()
+            index.update(scene.describe())
+            assert moved(before, index) == {("/W/V", "scattering")}
+
+
+def test_media_of_native_instances_can_be_looked_at(shot):
+    body = BOUND.replace('def Xform "W"', 'def Xform "P"').replace("/W/", "/P/")
+    body += 'def Xform "W" (references = </P>\n instanceable = true) {}'
+    with Scene.open(shot(body=body)) as scene:
+        assert scene.medium("/W/V") == scene.authored_medium("/W/V") == scene.medium("/P/V")
+        assert not scene.is_animated("/W/V", "albedo")
+        with pytest.raises(PrevisError, match="native instance"):
+            scene.set_medium("/W/V", albedo=0.5)
+        # The material is outside and shared.
+        scene.set_medium("/P/V", albedo=0.125)
+        assert scene.describe().volumes["/W/V"].medium.albedo == (0.125,) * 3
