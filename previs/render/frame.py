@@ -11,7 +11,7 @@ import numpy as np
 from .. import blackbody
 from . import uniforms
 from .fields import PackedStore
-from .pieces import Pace, Piece
+from .pieces import Kind, Pace, Piece
 from .plan import Plan, density_weighting
 from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
 from .shader import Program, ShaderCache
@@ -108,7 +108,7 @@ class Frame:
         """Pack uniform blocks anew: fields have moved in their atlases."""
         self._packed.clear()
 
-    def pieces(self, kind: object, size: tuple[int, int], first: float = 0.0, last: float = 1.0) -> Iterator[Piece]:
+    def pieces(self, kind: Kind, size: tuple[int, int], first: float = 0.0, last: float = 1.0) -> Iterator[Piece]:
         """The pieces in which to draw a target of that size; see `Pace`."""
         return self.pace.pieces(kind, size, first, last)
 

@@ -6,6 +6,7 @@ same bits as in one draw. Its size follows from what the pixels there cost befor
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable, Hashable, Iterator
 
@@ -25,6 +26,8 @@ MOST_KINDS = 256
 LEAST_ROWS = 4
 
 Box = tuple[int, int, int, int]
+#: A kind of work: its name, and the settings that its cost follows.
+Kind = tuple[Hashable, Hashable]
 
 
 class Piece:
@@ -59,17 +62,23 @@ class Pace:
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
         self.seconds: float | None = None
-        self._maps: dict[Hashable, CostMap] = {}
+        self._maps: dict[Kind, CostMap] = {}
+        self._latest: dict[Hashable, CostMap] = {}
 
-    def pieces(self, kind: Hashable, size: tuple[int, int], first: float = 0.0, last: float = 1.0) -> Iterator[Piece]:
+    def pieces(self, kind: Kind, size: tuple[int, int], first: float = 0.0, last: float = 1.0) -> Iterator[Piece]:
         """Pieces that cover a target of that size once; the pass is `first` done before them and `last` after."""
         width, height = size
         if self.seconds is None:
             yield Piece(self, None, (0, 0, width, height), last)
             return
-        if kind not in self._maps and len(self._maps) >= MOST_KINDS:
-            self._maps.pop(next(iter(self._maps)))
-        costs = self._maps.setdefault(kind, CostMap())
+        costs = self._maps.pop(kind, None)
+        if costs is None:
+            # Other settings of the same work: the picture is slow in the same places.
+            costs = copy.deepcopy(self._latest.get(kind[0], CostMap()))
+        for held in (self._maps, self._latest):
+            while len(held) >= MOST_KINDS:
+                held.pop(next(iter(held)))
+        self._maps[kind] = self._latest[kind[0]] = costs
         costs.begin(size)
         drawn = 0
         for box in self._boxes(costs, width, height):

@@ -64,6 +64,7 @@ class Renderer:
         self._states: dict[str, tuple[Hashable, int]] = {}
         self._serial = itertools.count(1)
         self._atlases: Atlases = (None, None)
+        self._finished: Plan | None = None
         self._drawing: Generator[float, None, None] | None = None
         # Seconds that a pass of a kind took last: its share of the progress.
         self._weights: dict[str, float] = {}
@@ -190,6 +191,7 @@ class Renderer:
         self._stop()
         work = self._drawing = self._work(plan, times)
         self.executed = []
+        self._finished = None
         try:
             while True:
                 if self._drawing is not work:
@@ -204,6 +206,7 @@ class Renderer:
                     finally:
                         frame.rest()
                 if fraction is None:
+                    self._finished = plan
                     break
                 yield fraction
         finally:
@@ -324,7 +327,8 @@ class Renderer:
         Raises:
             PrevisError: when the plan is not what was drawn.
         """
-        if stale := self.stale(plan):
+        # What the plan was drawn from may have moved on since; what was drawn is still there.
+        if plan is not self._finished and (stale := self.stale(plan)):
             raise PrevisError(f"{stale[0]}: not drawn yet")
         times = dict(times or {})
         return self._image(plan, self._read(plan), times, sum(times.values()), plan.notes)
@@ -384,6 +388,7 @@ class Renderer:
         with self.context:
             self._frame.release_scene()
         self._states.clear()
+        self._finished = None
         self._atlases = (None, None)
 
     def _stop(self) -> None:

@@ -246,11 +246,11 @@ class Clock:
     def finish(self) -> None:
         pass
 
-    def frame(self, costs: np.ndarray, kind: str = "kind") -> list[float]:
+    def frame(self, costs: np.ndarray, settings: int = 0) -> list[float]:
         """Draw a picture of those costs per pixel, seconds; what its pieces took."""
         covered = np.zeros(costs.shape, int)
         took, done = [], 0.25
-        for piece in self.pace.pieces(kind, costs.shape[::-1], 0.25, 0.5):
+        for piece in self.pace.pieces(("kind", settings), costs.shape[::-1], 0.25, 0.5):
             x, y, width, height = piece.scissor
             assert width > 0 and height > 0 and x + width <= costs.shape[1] and y + height <= costs.shape[0]
             covered[y : y + height, x : x + width] += 1
@@ -291,6 +291,19 @@ def test_pieces_know_where_a_picture_is_slow(monkeypatch) -> None:
         assert took.max() <= 0.1
         # And not in needlessly many pieces.
         assert len(took) <= 3.0 * took.sum() / 0.014
+
+
+def test_other_settings_are_slow_in_the_same_places(monkeypatch) -> None:
+    """A draft with few steps tells where the pieces of the final picture have to be small."""
+    clock = Clock(0.014, monkeypatch)
+    u, v = np.meshgrid(np.linspace(-0.5, 0.5, 1280), np.linspace(-0.5, 0.5, 720))
+    costs = np.where(u * u + v * v < 0.09, 1e-5, 2e-8)
+    clock.frame(0.2 * costs)
+    for _ in range(3):
+        clock.frame(0.2 * costs)
+        took = np.array(clock.frame(costs, 1))
+    assert took.max() <= 0.1
+    assert (took > 0.03).sum() <= 0.05 * len(took)
 
 
 def test_pieces_follow_another_scene(monkeypatch) -> None:

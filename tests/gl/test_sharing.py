@@ -134,6 +134,19 @@ def test_forgetting_a_scene_leaves_it_to_the_other(pair) -> None:
     assert not pair[1]._frame.meshes._shapes.geometries
 
 
+def test_what_was_drawn_can_be_read_when_the_voxels_have_moved_on(pair) -> None:
+    """Until the renderer itself begins another picture."""
+    plan = pair[0].plan(index_of(SCENES[0]), VIEW, *SIZE, QUICK)
+    pair[0].draw(plan)
+    pair[1].render(index_of(scene(volume(smooth_noise((8, 8, 8), 5), Medium()), SUN)), VIEW, SIZE, QUICK)
+    assert "fields" in pair[0].stale(plan)
+    assert_equal(pair[0].image(plan), alone(SCENES[0]))
+    drawing = pair[0].drawing(pair[0].plan(index_of(SCENES[2]), VIEW, *SIZE, QUICK), 1e-3)
+    next(drawing)
+    with pytest.raises(previs.PrevisError, match="not drawn"):
+        pair[0].image(plan)
+
+
 def test_sharing_is_refused_across_contexts(pair) -> None:
     with previs.Renderer() as stranger, pytest.raises(ValueError, match="one context"):
         previs.Renderer(stranger.context, share=pair[0])

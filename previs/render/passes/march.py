@@ -23,9 +23,8 @@ def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
         name = "march" if (len(draws) - 1 - number) % 2 == 0 else "march_other"
         target = frame.targets.get(name, size, formats)
         # All of the picture before the next slice: the cost of neighbours in a slice tells how large a piece may be.
-        for piece in frame.pieces(
-            ("march", number, plan.settings.transmittance), size, number / len(draws), (number + 1) / len(draws)
-        ):
+        done = number / len(draws), (number + 1) / len(draws)
+        for piece in frame.pieces((("march", number), plan.settings.read_by("march")), size, *done):
             with piece:
                 frame.bind_camera(program)
                 program.set(

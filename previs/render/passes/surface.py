@@ -18,8 +18,9 @@ def run_surface(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     program = frame.fullscreen("surface.frag")
     normal, albedo, specular, emissive = frame.targets["gbuffer"].color_attachments
     parts = len(plan.batches)
+    kind = plan.settings.read_by("surface")
     for number, batch in enumerate(plan.batches):
-        for piece in frame.pieces("surface", size, number / parts, (number + 1) / parts):
+        for piece in frame.pieces((("surface", number), kind), size, number / parts, (number + 1) / parts):
             with piece:
                 frame.bind_camera(program)
                 program.set(background_distance=0.5 * BACKGROUND_DISTANCE)

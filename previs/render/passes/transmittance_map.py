@@ -40,7 +40,7 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
     left, bottom = plan.map_atlas.corner(item.tile)
     frame.maps.owners[item.tile] = planned.name
     framebuffer = frame.maps.framebuffer
-    for piece in frame.pieces("transmittance_map", (plan.map_size, plan.map_size)):
+    for piece in frame.pieces((planned.name, settings.read_by("transmittance_map")), (plan.map_size, plan.map_size)):
         with piece:
             program.set(
                 centre_to_box=np.ascontiguousarray(np.linalg.inv(box_to_world), np.float32).tobytes(),
@@ -58,9 +58,8 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
             frame.bind(density_atlas=frame.density.texture)
             frame.context.enable_only(moderngl.NOTHING)
             framebuffer.viewport = (left, bottom, plan.map_size, plan.map_size)
-            if piece.scissor is not None:
-                x, y, width, height = piece.scissor
-                framebuffer.scissor = (left + x, bottom + y, width, height)
+            x, y, width, height = piece.scissor or (0, 0, plan.map_size, plan.map_size)
+            framebuffer.scissor = (left + x, bottom + y, width, height)
             framebuffer.use()
             frame.draw_fullscreen(program)
             framebuffer.scissor = None
