@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Any
 
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..scene import OutlineItem
-from .document import Document
 from .theme import ACCENT, DIM, dim, em, packed, tooltip
 
 ICONS: dict[str, str] = {
@@ -25,29 +23,15 @@ TITLES: dict[str, str] = {"volume": "Volumes", "light": "Lights", "mesh": "Meshe
 class _State:
     """What the panel remembers between frames."""
 
-    key: Hashable = None
     items: tuple[OutlineItem, ...] = ()
     filter: str = ""
-    groups_key: Hashable = None
+    grouped_by: str | None = None
+    scroll_up: bool = False
     groups: dict[str, list[OutlineItem]] = field(default_factory=dict)
     selection: str = ""
 
 
 _state = _State()
-
-
-def outline_of(document: Document) -> tuple[OutlineItem, ...]:
-    """The prims of the stage that can be seen, read again when the document moved."""
-    key = (id(document), document.version, document.undo_label, document.redo_label, document.time_code)
-    if _state.key != key:
-        _state.items = document.scene.outline()
-        _state.key = key
-    return _state.items
-
-
-def forget() -> None:
-    """Read the stage again: something was authored."""
-    _state.key = None
 
 
 def matching(items: tuple[OutlineItem, ...], text: str) -> dict[str, list[OutlineItem]]:
@@ -66,12 +50,15 @@ def draw_outliner(app: Any) -> None:
     if app.document is None:
         dim("Nothing is open.")
         return
-    items = outline_of(app.document)
+    items = app.document.scene.outline(app.document.time_code)
     _draw_filter()
-    key = (_state.key, _state.filter)
-    if _state.groups_key != key:
-        _state.groups_key, _state.groups = key, matching(items, _state.filter)
+    if _state.items is not items or _state.grouped_by != _state.filter:
+        _state.scroll_up = _state.grouped_by != _state.filter
+        _state.items, _state.grouped_by, _state.groups = items, _state.filter, matching(items, _state.filter)
     if imgui.begin_child("prims", ImVec2(0.0, 0.0)):
+        if _state.scroll_up:
+            imgui.set_scroll_y(0.0)
+            _state.scroll_up = False
         _draw_groups(app, len(items))
     imgui.end_child()
     _state.selection = app.view.selection
@@ -211,5 +198,4 @@ def _eye(app: Any, item: OutlineItem, width: float) -> None:
     if _icon_button("eye", icon, (0.75, 0.75, 0.75, 1.0) if item.visible else (*DIM[:3], 0.6), width):
         action = f"Hide {item.name}" if item.visible else f"Show {item.name}"
         app.edit(action, lambda scene: scene.set_visible(item.path, not item.visible))
-        forget()
     tooltip("Visible: click to hide" if item.visible else "Hidden: click to show")

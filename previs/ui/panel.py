@@ -11,11 +11,10 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from .. import blackbody
 from ..description import Medium
-from ..scene import Scene
 from . import widgets
 from .knobs import LIGHT, LIGHT_BY_NAME, MEDIUM, MEDIUM_BY_NAME, Knob, encoded
 from .lobe import ISOTROPIC, Lobe, Polar, Radius, lobe, outline
-from .outliner import ICONS, outline_of
+from .outliner import ICONS
 from .theme import ACCENT, CURVES, DIM, FRAME, dim, em, packed, tooltip
 from .widgets import Binding
 
@@ -47,7 +46,7 @@ class _State:
     """What the panel remembers between frames."""
 
     key: Hashable = None
-    shown: _Shown | None = None
+    animated: frozenset[str] = frozenset()
     selection: str = ""
     radius: Radius = "log"
 
@@ -66,7 +65,9 @@ def draw_look(app: Any) -> None:
     if selection != _state.selection:
         _state.selection = selection
         widgets.forget_colors()
-    item = next((i for i in outline_of(document) if i.path == selection), None)
+    # A picked instance is selected as what it was made from.
+    path = document.scene.prim_path(selection) if selection else ""
+    item = next((i for i in document.scene.outline(document.time_code) if i.path == path), None)
     if item is None:
         _draw_nothing(app, selection)
         return
@@ -95,7 +96,7 @@ def _draw_nothing(app: Any, selection: str) -> None:
     else:
         dim("Click a volume or a light, in the picture or here, to change how it looks.")
     for kind, title in (("volume", "Volumes"), ("light", "Lights")):
-        items = [i for i in outline_of(app.document) if i.kind == kind]
+        items = [i for i in app.document.scene.outline(app.document.time_code) if i.kind == kind]
         if not items:
             continue
         imgui.separator_text(title)
@@ -135,7 +136,6 @@ def _draw_header(app: Any, item: Any) -> None:
 def _toggle_visible(app: Any, item: Any) -> None:
     action = f"Hide {item.name}" if item.visible else f"Show {item.name}"
     app.edit(action, lambda scene: scene.set_visible(item.path, not item.visible))
-    forget()
 
 
 def _draw_camera(app: Any, path: str) -> None:
@@ -159,7 +159,8 @@ def _draw_mesh(app: Any, path: str) -> None:
         return
     count, instances = len(mesh.geometry.triangles), len(mesh.local_to_world)
     times = f", in {instances} places" if instances > 1 else ""
-    dim(f"A mesh of {count:,} triangles{times}. It hides what is behind it and casts shadows into media.")
+    noun = "triangle" if count == 1 else "triangles"
+    dim(f"A mesh of {count:,} {noun}{times}. It hides what is behind it and casts shadows into media.")
     imgui.color_button(
         "##mesh_color", ImVec4(*encoded(mesh.surface.diffuse_color), 1.0), 0, ImVec2(em(2.0), imgui.get_frame_height())
     )
@@ -171,29 +172,18 @@ def _draw_mesh(app: Any, path: str) -> None:
 # --- bindings ---------------------------------------------------------------------------------------------------------
 
 
-def forget() -> None:
-    """Read the selected prim's values again: something was authored."""
-    _state.key = None
+def _shown(app: Any, path: str, knobs: tuple[Knob, ...], read: str, authored: str) -> _Shown:
+    """The values of a prim, by the scene's methods of these names.
 
-
-def _shown(app: Any, path: str, kind: str, read: Callable[[Scene, float | None], _Shown]) -> _Shown:
-    """The values of a prim, read again when the document moved or something was authored here."""
+    Values are read in every frame, which is cheap; which of them are animated only when the document moved.
+    """
     document = app.document
-    key = (id(document), document.version, document.undo_label, document.redo_label, path, kind, document.time)
-    if _state.key != key or _state.shown is None:
-        _state.shown = read(document.scene, document.time_code)
+    scene, time = document.scene, document.time_code
+    key = (id(document), document.version, document.undo_label, path)
+    if _state.key != key:
         _state.key = key
-    return _state.shown
-
-
-def _read_medium(path: str, scene: Scene, time: float | None) -> _Shown:
-    animated = frozenset(k.name for k in MEDIUM if scene.is_animated(path, k.name))
-    return _Shown(scene.medium(path, time), scene.authored_medium(path, time), animated)
-
-
-def _read_light(path: str, scene: Scene, time: float | None) -> _Shown:
-    animated = frozenset(k.name for k in LIGHT if scene.is_animated(path, k.name))
-    return _Shown(scene.light_values(path, time), scene.authored_light(path, time), animated)
+        _state.animated = frozenset(k.name for k in knobs if scene.is_animated(path, k.name))
+    return _Shown(getattr(scene, read)(path, time), getattr(scene, authored)(path, time), _state.animated)
 
 
 def _binding(app: Any, path: str, knob: Knob, shown: _Shown, author: str, reset: str) -> Binding:
@@ -206,11 +196,9 @@ def _binding(app: Any, path: str, knob: Knob, shown: _Shown, author: str, reset:
             f"Set {knob.label.lower()} of {noun}",
             lambda scene: getattr(scene, author)(path, time=time, **{name: value}),
         )
-        forget()
 
     def go_back() -> None:
         app.edit(f"Reset {knob.label.lower()} of {noun}", lambda scene: getattr(scene, reset)(path, name))
-        forget()
 
     return Binding(
         value=_plain(getattr(shown.now, name)),
@@ -230,7 +218,7 @@ def _plain(value: Any) -> Any:
 
 
 def _draw_volume(app: Any, path: str) -> None:
-    shown = _shown(app, path, "volume", lambda scene, time: _read_medium(path, scene, time))
+    shown = _shown(app, path, MEDIUM, "medium", "authored_medium")
     medium: Medium = shown.now
 
     def knob(name: str) -> None:
@@ -279,7 +267,6 @@ def _reset_all(app: Any, path: str, shown: _Shown, knobs: tuple[Knob, ...], rese
     if imgui.button(label, ImVec2(-1.0, 0.0)):
         noun = path.rsplit("/", 1)[-1]
         app.edit(f"Reset {noun}", lambda scene: getattr(scene, reset)(path, *(k.name for k in edited)))
-        forget()
     tooltip("Takes back the changes of:\n" + ", ".join(k.label for k in edited))
 
 
@@ -356,7 +343,7 @@ def _lobe_tooltip(medium: Medium, centre: tuple[float, float]) -> None:
 
 
 def _draw_light(app: Any, path: str) -> None:
-    shown = _shown(app, path, "light", lambda scene, time: _read_light(path, scene, time))
+    shown = _shown(app, path, LIGHT, "light_values", "authored_light")
     light = shown.now
 
     def binding(name: str) -> Binding:
@@ -453,5 +440,4 @@ def _draw_cone(app: Any, path: str, light: Any, knob: Callable[[str], None]) -> 
         return
     if imgui.button("Make it a spot###make_spot", ImVec2(-1.0, 0.0)):
         app.edit(f"Make {path.rsplit('/', 1)[-1]} a spot", lambda scene: scene.set_light(path, **_SPOT))
-        forget()
     tooltip("Gives the light a cone about its axis.")
