@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from typing import Any
 
 from imgui_bundle import imgui
@@ -25,8 +26,13 @@ MENUS: tuple[tuple[str, tuple[str, ...]], ...] = (
 )
 
 
-def draw_menus(app: Any) -> None:
-    """Draw the menus into the open menu bar."""
+def draw_menus(app: Any, leave: Callable[[Callable[[], None]], None]) -> None:
+    """Draw the menus into the open menu bar.
+
+    Args:
+        app: whose commands are listed.
+        leave: calls the function it is given once unsaved edits were saved or given up.
+    """
     for title, names in MENUS:
         if not imgui.begin_menu(title):
             continue
@@ -34,7 +40,7 @@ def draw_menus(app: Any) -> None:
             if name == "":
                 imgui.separator()
             elif name == "recent":
-                _recent(app)
+                _recent(app, leave)
             elif name == "cameras":
                 _cameras(app)
             else:
@@ -62,24 +68,16 @@ def _lower(label: str) -> str:
     return label[:1].lower() + label[1:]
 
 
-def _recent(app: Any) -> None:
-    """Files opened before. They are opened by the command, which asks about unsaved edits first."""
+def _recent(app: Any, leave: Callable[[Callable[[], None]], None]) -> None:
+    """Files opened before."""
     recent = list(app.preferences.recent)
     if not imgui.begin_menu("Open recent###open_recent", bool(recent)):
         return
     for path in recent:
         if imgui.menu_item(f"{os.path.basename(path)}###{path}", "", False, True)[0]:
-            _open(app, path)
+            leave(lambda path=path: app.open(path))
         tooltip(path)
     imgui.end_menu()
-
-
-def _open(app: Any, path: str) -> None:
-    leave = getattr(app, "leave", None)
-    if leave is not None:
-        leave(lambda: app.open(path))
-    else:
-        app.open(path)
 
 
 def _cameras(app: Any) -> None:

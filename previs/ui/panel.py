@@ -48,6 +48,7 @@ class _State:
     key: Hashable = None
     animated: frozenset[str] = frozenset()
     selection: str = ""
+    headed: str = ""
     radius: Radius = "log"
 
 
@@ -242,8 +243,10 @@ def _draw_volume(app: Any, path: str) -> None:
     _draw_lobe(medium)
     record = app.document.description.volumes.get(path)
     glows = medium.emits or (record is not None and (record.temperature is not None or record.emission is not None))
-    imgui.set_next_item_open(glows, imgui.Cond_.appearing)
     imgui.dummy(ImVec2(0.0, em(0.1)))
+    if _state.headed != path:
+        _state.headed = path
+        imgui.set_next_item_open(glows)
     if imgui.collapsing_header("Emission and temperature###emission_header"):
         for name in ("emission", "emission_scale"):
             knob(name)
