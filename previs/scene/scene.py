@@ -268,7 +268,7 @@ class Scene(SceneBuilder):
         length, treat_as_point, cone_angle, cone_softness, focus, focus_tint, casts_shadows; and visible (bool),
         position (world), direction (world, where the light travels). `time` as in `set_medium`; position, direction
         and visible are set for all times. Raises ValueError for an unknown name or a bad value, `PrevisError` for a
-        path without light.
+        path without light, or for one that stays hidden (see `set_visible`).
         """
         prim = editable_prim(self.stage, path, "light")
         if not is_light(prim):
@@ -366,7 +366,8 @@ class Scene(SceneBuilder):
     def snapshot(self) -> str:
         """All edits as text, for `restore`: what the session layer of an opened scene holds itself, else the scene.
 
-        A session layer that the scene was opened with, and variants chosen then, are no edits.
+        A session layer that the scene was opened with, and variants chosen then, are no edits. The voxels that the
+        scene holds now are kept until `close`, whatever `set_voxels` puts in their place.
         """
         _ = self.stage
         self._voxel_files.keep()

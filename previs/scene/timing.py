@@ -22,6 +22,9 @@ def time_range(stage: Usd.Stage) -> TimeRange | None:
     authored = stage.HasAuthoredTimeCodeRange() and end > start
     first, last = float("inf"), float("-inf")
     for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)):
+        # Value clips may animate what no layer of the stage mentions.
+        if authored and prim.HasAuthoredMetadata("clips"):
+            return TimeRange(start, end, stage.GetTimeCodesPerSecond())
         for attribute in prim.GetAuthoredAttributes():
             if not attribute.ValueMightBeTimeVarying():
                 continue
