@@ -34,7 +34,7 @@ from .picking import pick
 from .picture import Picture, Request
 from .playback import Playback
 from .preferences import Preferences
-from .recovery import Recovery
+from .recovery import Recovery, RecoveryState
 from .state import Inspection, Message, Timings, ViewState
 from .watching import FileWatch
 
@@ -67,7 +67,13 @@ class App:
         self.recovery = recovery
         self.document: Document | None = None
         self.loading: Loading | None = None
-        self.view = ViewState()
+        self.view = ViewState(
+            exposure=preferences.exposure,
+            color_correction=preferences.color_correction,
+            ocio_display=preferences.ocio_display,
+            ocio_view=preferences.ocio_view,
+            gate_mask=preferences.gate_mask,
+        )
         self.picture = Picture(context)
         self.other: Picture | None = None
         self.display = DisplayPass(context)
@@ -95,6 +101,8 @@ class App:
         self._camera_state: Any = None
         self._on_open: Callable[[Document], None] | None = None
         self._export: Path | None = None
+        self._said: set[str] = set()
+        self._warn_once(preferences.problem)
 
     # --- messages -------------------------------------------------------------------------------------------------
 
@@ -103,6 +111,12 @@ class App:
         until = time.monotonic() + MESSAGE_SECONDS[kind]
         self.messages = [m for m in self.messages if m.text != text]
         self.messages.append(Message(text, kind, until))
+
+    def _warn_once(self, text: str) -> None:
+        """Say what goes wrong again and again only the first time."""
+        if text and text not in self._said:
+            self._said.add(text)
+            self.notify(text, "warning")
 
     # --- documents ------------------------------------------------------------------------------------------------
 
@@ -160,9 +174,7 @@ class App:
             self.view.frames_per_second = document.time_range.frames_per_second
         camera = choose_camera(document.scene, document.description, None, document.time_code)
         self.view.camera_path = camera.path if camera.path in document.description.cameras else ""
-        self.orbit = OrbitCamera.from_camera(
-            camera, document.description.world_bounds(), document.description.up_axis
-        )
+        self.orbit = OrbitCamera.from_camera(camera, document.description.world_bounds(), document.description.up_axis)
         selection = next(iter(document.description.volumes), "")
         self.view.selection = selection
         self.preferences.add_recent(document.path)
@@ -250,10 +262,7 @@ class App:
             return None
         authored = document.description.cameras.get(self.view.camera_path)
         if authored is not None:
-            camera, _ = fitted(authored, self.size[0] / self.size[1])
-            self.orbit = OrbitCamera.from_camera(
-            camera, document.description.world_bounds(), document.description.up_axis
-        )
+            self.orbit = self.orbit.looking_through(authored)
         self.view.camera_path = ""
         return self.orbit
 
@@ -275,14 +284,14 @@ class App:
 
     def click(self, u: float, v: float) -> None:
         """What a click into the picture does, at parts of the width and height from the upper left corner."""
-        camera = self.camera()
-        if self.document is None or camera is None:
+        document, camera = self.document, self.camera()
+        if document is None or camera is None:
             return
-        found = pick(self._visible(self.document.description), camera, u, v, self.size)
+        found = pick(self._visible(document.description), camera, u, v, self.size)
         if not self.view.inspecting:
-            self.select(found.path if found is not None else "")
+            self.select(document.scene.prim_path(found.path) if found is not None else "")
             return
-        lights = [p for p, light in self._visible(self.document.description).lights.items() if light.kind != "dome"]
+        lights = [p for p, light in self._visible(document.description).lights.items() if light.kind != "dome"]
         if found is None or not lights:
             self.notify("Nothing there that light reaches: click into a volume or onto a surface", "warning")
             return
@@ -340,7 +349,8 @@ class App:
         self._inspect(document)
         self._show()
         self._write_export()
-        self.recovery.tick(self._recovery_state, now)
+        if self.recovery.tick(self._recovery_state, now) or self.recovery.problem:
+            self._warn_once(self.recovery.problem)
 
     def _request_pictures(self, document: Document, camera: Camera, now: float) -> bool:
         """Ask for the pictures that the view wants; returns whether something moves."""
@@ -349,6 +359,8 @@ class App:
         if self._indexed != scene_key:
             self._index.update(self._visible(document.description))
             self._indexed = scene_key
+            if self.orbit is not None:
+                self.orbit = self.orbit.with_bounds(document.description.world_bounds())
         key = (scene_key, camera_key(camera), self.size)
         if key != self._camera_state:
             self._camera_state, self._moved = key, now
@@ -528,13 +540,24 @@ class App:
         else:
             self.notify(f"Wrote {path}")
 
-    def _recovery_state(self) -> tuple[str, str, dict[str, Any]] | None:
+    def _recovery_state(self) -> RecoveryState | None:
         """What is kept against a crash: the stage, the edits, and where one was looking."""
         document = self.document
         if document is None or not document.modified:
             return None
         view = {"selection": self.view.selection, "exposure": self.view.exposure, "time": document.time}
-        return document.path, document.scene.snapshot(), view
+        if self.orbit is not None:
+            view["orbit"] = self.orbit.state()
+        return RecoveryState(document.path, document.scene.snapshot(), view)
+
+    def keep_preferences(self) -> None:
+        """Put what belongs to the user, not to the stage, into the preferences and save them."""
+        for name in ("color_correction", "ocio_display", "ocio_view", "gate_mask"):
+            setattr(self.preferences, name, getattr(self.view, name))
+        try:
+            self.preferences.save()
+        except PrevisError as error:
+            self.notify(str(error), "error")
 
     def release(self) -> None:
         """Free everything; the recovery file goes, since this is a clean end."""

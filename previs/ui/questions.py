@@ -8,9 +8,11 @@ from pathlib import Path
 
 from imgui_bundle import ImVec2, hello_imgui, imgui
 
+from ..errors import PrevisError
 from .app import App
 from .dialogs import Dialogs
 from .document import Document
+from .recovery import Entry
 
 _UNSAVED = "Unsaved edits"
 _RECOVERED = "Recover edits"
@@ -23,7 +25,7 @@ class Questions:
         self._app = app
         self._dialogs = dialogs
         self._then: Callable[[], None] | None = None
-        self._pending = []
+        self._pending: list[Entry] = []
 
     @property
     def unsaved(self) -> bool:
@@ -89,18 +91,29 @@ class Questions:
             self._pending.clear()
             self._recover(entry)
         elif choice == 1:
-            self._app.recovery.forget(entry)
+            self._forget(entry)
 
-    def _recover(self, entry) -> None:
+    def _recover(self, entry: Entry) -> None:
         app = self._app
+        try:
+            state = app.recovery.take(entry)
+        except PrevisError as error:
+            app.notify(str(error), "error")
+            return
 
         def put_back(document: Document) -> None:
-            if app.restore_edits(entry.snapshot):
+            if app.restore_edits(state.snapshot):
                 app.recovery.forget(entry)
-                app.view.selection = entry.view.get("selection", "")
+                app.view.selection = state.view.get("selection", "")
                 app.notify("The edits are back; save them to keep them")
 
-        app.open(entry.stage, put_back)
+        app.open(state.stage, put_back)
+
+    def _forget(self, entry: Entry) -> None:
+        try:
+            self._app.recovery.forget(entry)
+        except PrevisError as error:
+            self._app.notify(str(error), "error")
 
 
 def _modal(title: str) -> bool:

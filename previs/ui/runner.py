@@ -21,10 +21,11 @@ from .inspector import draw_inspector
 from .keys import run_shortcuts
 from .menus import draw_menus
 from .outliner import draw_outliner
-from .panel import draw_look, draw_render
+from .panel import draw_look
 from .preferences import Preferences
 from .questions import Questions
 from .recovery import Recovery
+from .render_panel import draw_render
 from .status import draw_status
 from .theme import apply_theme
 from .timeline import draw_timeline
@@ -102,13 +103,14 @@ class Runner:
             ("Inspector", "LeftBottom", lambda: draw_inspector(self.app)),
             ("Timeline", "Bottom", lambda: draw_timeline(self.app)),
         )
-        for name, space, draw in panels:
-            panel = hello_imgui.DockableWindow(name, space, self._guarded(draw), True, name != "View")
-            layout.dockable_windows.append(panel)
-        look = next(w for w in layout.dockable_windows if w.label == "Look")
-        look.focus_window_at_next_frame = True
-        view = layout.dockable_windows[0]
-        view.imgui_window_flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+        windows = [
+            hello_imgui.DockableWindow(name, space, self._guarded(draw), True, name != "View")
+            for name, space, draw in panels
+        ]
+        next(w for w in windows if w.label == "Look").focus_window_at_next_frame = True
+        windows[0].imgui_window_flags = imgui.WindowFlags_.no_scrollbar | imgui.WindowFlags_.no_scroll_with_mouse
+        # The list is a copy on both ways into C++.
+        layout.dockable_windows = windows
         return layout
 
     def _guarded(self, call: Callable[[], None]) -> Callable[[], None]:
@@ -176,8 +178,8 @@ class Runner:
         draw_viewport(self.app)
 
     def _menus(self) -> None:
-        if self.app is not None:
-            draw_menus(self.app)
+        if self.app is not None and self._questions is not None:
+            draw_menus(self.app, self._questions.leave)
 
     def _above_panels(self) -> None:
         if self.app is None or self._questions is None:
@@ -201,9 +203,5 @@ class Runner:
 
     def _end(self) -> None:
         if self.app is not None:
-            self._preferences.save()
+            self.app.keep_preferences()
             self.app.release()
-
-    def failed_to_end(self, _: Any) -> None:
-        """Save the preferences when the window went down before its end was announced."""
-        self._preferences.save()

@@ -245,7 +245,7 @@ def _draw_state(app: App, canvas: _Canvas) -> None:
     em = hello_imgui.em_size()
     lines = []
     if app.view.camera_path:
-        lines.append((f"{icons_fontawesome_4.ICON_FA_VIDEO_CAMERA}  {app.view.camera_path}", _WHITE))
+        lines.append((f"{icons_fontawesome_4.ICON_FA_VIDEO}  {app.view.camera_path}", _WHITE))
     if app.view.solo:
         lines.append((f"solo: {app.view.solo}", _ACCENT))
     if app.view.inspecting:

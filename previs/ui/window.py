@@ -68,7 +68,7 @@ def run(start: Start, test: Callable[[Any, Any], None] | None = None) -> None:
     """
     check_display()
     load_library()
-    from imgui_bundle import hello_imgui, immapp
+    from imgui_bundle import immapp
 
     from .runner import Runner
 
@@ -90,8 +90,6 @@ def run(start: Start, test: Callable[[Any, Any], None] | None = None) -> None:
         if runner.app is None:
             raise ContextError(f"no window with OpenGL 3.3: {error}. {remedy()}") from error
         raise
-    finally:
-        runner.failed_to_end(hello_imgui)
     if runner.failure is not None:
         raise runner.failure
 
