@@ -111,8 +111,8 @@ class Dialogs:
 class FileBrowser:
     """A modal window with a folder's content. Arrow keys choose, Enter opens, Backspace goes up, Escape calls it off.
 
-    Its ImGui window is named by the title; inside are `##path`, `##name`, `accept`, `cancel`, and each entry by its
-    name.
+    Its ImGui window is named by the title; inside are `##path`, `##name`, `###accept` and `###cancel`, and in the child
+    `entries` each folder and file by ## and its name.
     """
 
     def __init__(self, kind: Literal["open", "save"], title: str, path: str, endings: tuple[str, ...]) -> None:
@@ -128,6 +128,7 @@ class FileBrowser:
         self._problem = ""
         self._scroll = False
         self._opened = False
+        self._typed_now = False
         self._go(nearest_folder(os.path.dirname(path) if kind == "save" else path))
 
     def _go(self, folder: str) -> None:
@@ -159,6 +160,7 @@ class FileBrowser:
         return answer
 
     def _content(self) -> str | None:
+        self._typed_now = False
         answer = self._places()
         answer = self._entries() if answer is None else answer
         answer = self._answers() if answer is None else answer
@@ -182,6 +184,7 @@ class FileBrowser:
         entered, self._typed = imgui.input_text("##path", self._typed, imgui.InputTextFlags_.enter_returns_true)
         if not entered:
             return None
+        self._typed_now = True
         path = typed_path(self._typed, self._folder)
         if os.path.isdir(path):
             self._go(path)
@@ -318,7 +321,8 @@ class FileBrowser:
         pressed = imgui.button(f"{label}###accept", ImVec2(width, 0.0))
         imgui.pop_style_color()
         key = imgui.is_key_pressed(imgui.Key.enter) or imgui.is_key_pressed(imgui.Key.keypad_enter)
-        if pressed or (key and answer is None and not entered and not imgui.is_any_item_active()):
+        typed = entered or self._typed_now or imgui.is_any_item_active()
+        if pressed or (key and answer is None and not typed):
             answer = self._enter() if key and not pressed else self._accept_or_enter()
         return answer
 

@@ -24,7 +24,7 @@ LOG_FLOOR = 1e-4
 _TRUTH = CURVES[0]
 #: The ends of the range that the first curve's map was stored over, mostly that of all.
 _MARK: Rgba = (0.72, 0.72, 0.72, 1.0)
-_CHANNELS: dict[str, str] = {"mean": "Mean", "red": "R", "green": "G", "blue": "B"}
+_CHANNELS: dict[str, str] = {"mean": "RGB", "red": "R", "green": "G", "blue": "B"}
 
 
 @dataclass
@@ -151,7 +151,7 @@ def _draw_plot(probe: TransmittanceProbe, channel: Channel, height: float) -> No
         implot.pop_style_var(3)
         return
     x, y = implot.ImAxis_.x1, implot.ImAxis_.y1
-    implot.setup_axes("distance along the light's ray", "", 0, 0)
+    implot.setup_axes("distance along the ray", "", 0, 0)
     condition = imgui.Cond_.always if _state.fit else imgui.Cond_.once
     lower = LOG_FLOOR if logarithmic else -0.05
     upper = 1.5 if logarithmic else 1.05
@@ -213,7 +213,7 @@ def _marks(probe: TransmittanceProbe, channel: Channel) -> None:
             known = any(abs(k - other) < 2e-3 * (limits.x.max - limits.x.min) for other in spoken)
             spoken.append(k)
             if not known:
-                _down(paint, limits, k, name, _MARK if i == 0 else CURVES[1 + i % 4])
+                _down(paint, limits, k, name, _MARK if i == 0 else CURVES[1 + i % 4], 0.3 + 0.1 * i)
     value = float(np.interp(probe.picked, probe.distance, channel_of(probe.march.transmittance, channel)))
     at = implot.plot_to_pixels(probe.picked, max(value, LOG_FLOOR) if _state.scale == "log" else value)
     top = implot.plot_to_pixels(probe.picked, limits.y.max)
@@ -231,14 +231,14 @@ def _across(paint: Any, limits: Any, value: float, name: str) -> None:
     paint.add_text(ImVec2(right.x - size.x - em(0.3), left.y - em(1.1)), packed(WARNING, 0.9), name)
 
 
-def _down(paint: Any, limits: Any, value: float, name: str, color: Rgba) -> None:
+def _down(paint: Any, limits: Any, value: float, name: str, color: Rgba, height: float) -> None:
     top, bottom = implot.plot_to_pixels(value, limits.y.max), implot.plot_to_pixels(value, limits.y.min)
     _dashes(paint, top, bottom, packed(color, 0.7))
     size = imgui.calc_text_size(name)
     end = implot.get_plot_pos().x + implot.get_plot_size().x
     x = top.x + em(0.2) if top.x + size.x + em(0.3) < end else top.x - size.x - em(0.2)
     # Low, where neither the legend nor, in either scale, a usual threshold is.
-    paint.add_text(ImVec2(x, bottom.y - 0.3 * (bottom.y - top.y)), packed(color, 0.9), name)
+    paint.add_text(ImVec2(x, bottom.y - height * (bottom.y - top.y)), packed(color, 0.9), name)
 
 
 def _dashes(paint: Any, a: ImVec2, b: ImVec2, color: int) -> None:
@@ -272,7 +272,7 @@ def _draw_words(probe: TransmittanceProbe, channel: Channel) -> None:
     """What the plot says, in words."""
     truth = channel_of(probe.march.transmittance, channel)
     value = float(np.interp(probe.picked, probe.distance, truth))
-    imgui.text_unformatted(f"At the point: {number(100.0 * value, 1)} % of the light")
+    imgui.text_unformatted(f"At the point: {100.0 * value:.3g} % of the light")
     tooltip(f"The true transmittance of the media at the picked point: {number(value, 5)}\nSurfaces are not in it.")
     for i, curve in enumerate(probe.curves):
         line = channel_of(curve.transmittance, channel)

@@ -245,9 +245,12 @@ def _draw_volume(app: Any, path: str) -> None:
     glows = medium.emits or (record is not None and (record.temperature is not None or record.emission is not None))
     imgui.dummy(ImVec2(0.0, em(0.1)))
     if _state.headed != path:
-        _state.headed = path
         imgui.set_next_item_open(glows)
-    if imgui.collapsing_header("Emission and temperature###emission_header"):
+    opened = imgui.collapsing_header("Emission and temperature###emission_header")
+    if imgui.is_item_visible():
+        # A panel that is only being made takes no notice of what is set.
+        _state.headed = path
+    if opened:
         for name in ("emission", "emission_scale"):
             knob(name)
         if record is None or record.temperature is not None:
