@@ -104,18 +104,29 @@ class Dialogs:
 
     def _answer(self, question: _Question, path: str | list[str]) -> None:
         self._question = None
-        if isinstance(path, str) and path:
-            question.then(with_ending(path, question.endings) if question.kind == "save" else path)
+        if not isinstance(path, str) or not path:
+            return
+        if question.kind == "save":
+            complete = with_ending(path, question.endings)
+            if complete != path and os.path.exists(complete):
+                # The system has asked about replacing the name without its ending.
+                self._question = question
+                self._browser = FileBrowser("save", question.title, complete, question.endings, ask=True)
+                return
+            path = complete
+        question.then(path)
 
 
 class FileBrowser:
     """A modal window with a folder's content. Arrow keys choose, Enter opens, Backspace goes up, Escape calls it off.
 
-    Its ImGui window is named by the title; inside are `##path`, `##name`, `###accept` and `###cancel`, and in the child
-    `entries` each folder and file by ## and its name.
+    Its ImGui window is named by the title; inside are `##path`, `##name`, `###accept` and `###cancel`, and each
+    folder and file by ## and its name.
     """
 
-    def __init__(self, kind: Literal["open", "save"], title: str, path: str, endings: tuple[str, ...]) -> None:
+    def __init__(
+        self, kind: Literal["open", "save"], title: str, path: str, endings: tuple[str, ...], ask: bool = False
+    ) -> None:
         self._kind = kind
         self._title = title
         self._endings = endings
@@ -130,6 +141,7 @@ class FileBrowser:
         self._opened = False
         self._typed_now = False
         self._go(nearest_folder(os.path.dirname(path) if kind == "save" else path))
+        self._replace = path if ask else ""
 
     def _go(self, folder: str) -> None:
         self._folder = self._typed = os.path.normpath(folder)
@@ -201,8 +213,10 @@ class FileBrowser:
     def _entries(self) -> str | None:
         answer = None
         reserve = imgui.get_frame_height_with_spacing() * 2.0 + (em(1.6) if self._replace or self._problem else 0.0)
-        child = imgui.begin_child("entries", ImVec2(0.0, -reserve), imgui.ChildFlags_.frame_style)
-        if child:
+        window = imgui.internal.get_current_window().id_
+        if imgui.begin_child("entries", ImVec2(0.0, -reserve), imgui.ChildFlags_.frame_style):
+            # Identifiers as if there were no child window, whose own name is made up by ImGui.
+            imgui.internal.push_override_id(window)
             names = [*self._listing.folders, *self._listing.files]
             self._keys(names)
             if self._listing.error:
@@ -218,6 +232,7 @@ class FileBrowser:
                 for i in range(clipper.display_start, clipper.display_end):
                     opened = self._entry(i, names[i])
                     answer = opened if opened is not None else answer
+            imgui.pop_id()
         imgui.end_child()
         return answer
 

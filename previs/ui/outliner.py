@@ -55,11 +55,15 @@ def draw_outliner(app: Any) -> None:
     if _state.items is not items or _state.grouped_by != _state.filter:
         _state.scroll_up = _state.grouped_by != _state.filter
         _state.items, _state.grouped_by, _state.groups = items, _state.filter, matching(items, _state.filter)
+    window = imgui.internal.get_current_window().id_
     if imgui.begin_child("prims", ImVec2(0.0, 0.0)):
+        # Identifiers as if there were no child window, whose own name is made up by ImGui.
+        imgui.internal.push_override_id(window)
         if _state.scroll_up:
             imgui.set_scroll_y(0.0)
             _state.scroll_up = False
         _draw_groups(app, len(items))
+        imgui.pop_id()
     imgui.end_child()
     _state.selection = app.view.selection
 
