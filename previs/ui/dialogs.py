@@ -121,7 +121,7 @@ class FileBrowser:
     """A modal window with a folder's content. Arrow keys choose, Enter opens, Backspace goes up, Escape calls it off.
 
     Its ImGui window is named by the title; inside are `##path`, `##name`, `###accept` and `###cancel`, and each
-    folder and file by ## and its name.
+    folder and file by ## and its name. With `ask` it begins with the question whether to replace the file.
     """
 
     def __init__(
