@@ -8,7 +8,9 @@ panels are given the app and read and change it through its methods.
 from __future__ import annotations
 
 import os
+import sys
 import time
+import traceback
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +44,7 @@ from .watching import FileWatch
 REST_SECONDS = 0.12
 #: Seconds that a frame of the window may spend on refining the picture: with the window's own drawing it stays above
 #: 30 frames a second.
-WORK_SECONDS = 0.014
+WORK_SECONDS = 0.016
 #: How long messages stay, in seconds.
 MESSAGE_SECONDS = {"info": 4.0, "warning": 8.0, "error": 12.0}
 
@@ -80,6 +82,8 @@ class App:
         self.orbit: OrbitCamera | None = None
         self.gate: Gate = (0.0, 0.0, 1.0, 1.0)
         self.messages: list[Message] = []
+        #: Tracebacks of errors that are ours; the window outlives them.
+        self.internal_errors: list[str] = []
         self.frames = Timings()
         self.probe: TransmittanceProbe | None = None
         self.playback: Playback | None = None
@@ -321,7 +325,7 @@ class App:
     @property
     def busy(self) -> bool:
         """Whether frames of the window should follow one another: something is being drawn, read or played."""
-        if self.loading is not None or self.view.playing or self.messages:
+        if self.loading is not None or self.view.playing or self.messages or self.dragging:
             return True
         if self.document is None:
             return False
@@ -329,7 +333,19 @@ class App:
         return pending or time.monotonic() - self._moved < REST_SECONDS
 
     def tick(self) -> None:
-        """What happens between two frames of the window."""
+        """What happens between two frames of the window. An error of ours is said and printed; the window stays."""
+        try:
+            self._tick()
+        except Exception as error:
+            text = traceback.format_exc()
+            if text not in self.internal_errors:
+                self.internal_errors.append(text)
+                print(text, file=sys.stderr)
+            self.notify(f"previs made an error, details are in the terminal: {type(error).__name__}: {error}", "error")
+            self.picture.give_up()
+            self.view.inspection, self.view.compare = None, "off"
+
+    def _tick(self) -> None:
         now = time.monotonic()
         self.messages = [m for m in self.messages if m.until > now]
         self._take_loaded()
@@ -559,12 +575,17 @@ class App:
         except PrevisError as error:
             self.notify(str(error), "error")
 
-    def release(self) -> None:
-        """Free everything; the recovery file goes, since this is a clean end."""
+    def save_for_recovery(self) -> None:
+        """Write the edits now, for the next session to find: this one ends badly."""
+        self.recovery.tick(self._recovery_state, time.monotonic(), force=True)
+
+    def release(self, clean: bool = True) -> None:
+        """Free everything; after a clean end the recovery file goes too."""
         if self.loading is not None:
             self.loading.cancel()
             self.loading.wait(2.0)
         self.close_document()
         self.picture.release()
         self.display.release()
-        self.recovery.close()
+        if clean:
+            self.recovery.close()

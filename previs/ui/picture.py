@@ -23,7 +23,7 @@ from ..settings import Settings
 from .refinement import Level, LevelName, Pace
 
 #: Length of the pieces that a picture at rest is drawn in, so that the window can be drawn in between.
-PIECE_SECONDS = 0.012
+PIECE_SECONDS = 0.008
 #: A draft is drawn to its end without a frame of the window in between, unless it takes longer than this.
 DRAFT_PATIENCE = 0.15
 
@@ -147,7 +147,8 @@ class Picture:
                     return changed
             spent = time.perf_counter() - begin
             patience = DRAFT_PATIENCE if self._drawing is not None and drawing.level.name == "draft" else seconds
-            if spent >= patience or (changed and spent >= seconds):
+            # Another piece that ends too late would hold up the window.
+            if spent + PIECE_SECONDS > patience:
                 return changed
 
     def _start(self) -> bool:
@@ -223,6 +224,12 @@ class Picture:
             self._drawing.pieces.close()
             self._drawing = None
             self.progress = 0.0
+
+    def give_up(self) -> None:
+        """Do not try the present request again; the last good picture stays."""
+        self._drop()
+        if self._wanted is not None:
+            self._failed = self._wanted.key
 
     def read(self) -> np.ndarray:
         """Linear radiance of the picture shown, (H, W, 3) float32, rows from the top.

@@ -81,7 +81,7 @@ class Runner:
         callbacks.show_gui = self._guarded(self._above_panels)
         callbacks.show_status = self._guarded(self._status)
         callbacks.setup_imgui_style = apply_theme
-        callbacks.before_exit = self._guarded(self._end)
+        callbacks.before_exit = self._end
         callbacks.confirm_exit = self._confirm_exit
         p.docking_params = self._layout()
         return p, immapp.AddOnsParams(with_implot=True)
@@ -123,6 +123,8 @@ class Runner:
                 call()
             except Exception as error:
                 self.failure = error
+                if self.app is not None:
+                    self.app.save_for_recovery()
                 hello_imgui.get_runner_params().app_shall_exit = True
 
         return guarded
@@ -204,4 +206,4 @@ class Runner:
     def _end(self) -> None:
         if self.app is not None:
             self.app.keep_preferences()
-            self.app.release()
+            self.app.release(clean=self.failure is None)

@@ -14,7 +14,7 @@ from ..render.context import ContextError, remedy
 #: "null" opens a window of GLFW's null platform: no display is needed and nothing is seen, as tests want it.
 PLATFORM_VARIABLE = "PREVIS_WINDOW"
 #: Frames a second at most, while something moves, and while nothing does.
-ACTIVE_RATE, IDLE_RATE = 60.0, 1.0
+ACTIVE_RATE, IDLE_RATE = 60.0, 0.5
 
 
 @dataclass

@@ -29,7 +29,7 @@ from previs.ui.app import App  # noqa: E402
 from previs.ui.document import Document  # noqa: E402
 
 #: Seconds that anything may take on a busy machine.
-PATIENCE = 120.0
+PATIENCE = float(os.environ.get("PREVIS_TEST_PATIENCE", "120"))
 
 
 class Hand:
@@ -199,6 +199,7 @@ def main() -> int:
         engine.config_watchdog_warning = engine.config_watchdog_kill_test = engine.config_watchdog_kill_app = 1e9
         try:
             scenario(Hand(context, app, Path(folder)))
+            assert not app.internal_errors, app.internal_errors[0]
         except BaseException:
             if not context.is_error():
                 FAILED.mkdir(exist_ok=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -376,7 +377,8 @@ def survives_shader_errors(hand: Hand) -> None:
     original = shader.compose
 
     def broken(*arguments, **defines):
-        return original(*arguments, **defines) + "\nthis is no GLSL\n"
+        source = original(*arguments, **defines)
+        return replace(source, text=source.text + "\nthis is no GLSL\n")
 
     shader.compose = broken
     hand.app.edit("Phase", lambda scene: scene.set_medium(hand.app.view.selection, phase="rayleigh"))
