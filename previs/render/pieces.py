@@ -43,6 +43,9 @@ class Piece:
         self.done = done
 
     def __enter__(self) -> Piece:
+        if self._costs is not None:
+            # What others drew since the last piece is not this one's.
+            self._pace.wait()
         self._started = time.perf_counter()
         return self
 
@@ -64,6 +67,10 @@ class Pace:
         self.seconds: float | None = None
         self._maps: dict[Kind, CostMap] = {}
         self._latest: dict[Hashable, CostMap] = {}
+
+    def wait(self) -> None:
+        """Wait until all that was drawn so far is finished."""
+        self._context.finish()
 
     def pieces(self, kind: Kind, size: tuple[int, int], first: float = 0.0, last: float = 1.0) -> Iterator[Piece]:
         """Pieces that cover a target of that size once; the pass is `first` done before them and `last` after."""

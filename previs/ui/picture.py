@@ -131,6 +131,9 @@ class Picture:
 
         A draft is finished even when the request has changed meanwhile, or a hand that never rests would see nothing.
         """
+        with self.context:
+            # What the window itself drew is not paid from the picture's time.
+            self.context.finish()
         begin = time.perf_counter()
         changed = False
         while True:

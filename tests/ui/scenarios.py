@@ -186,7 +186,7 @@ def saves_overrides(hand: Hand) -> None:
     hand.press(CTRL | imgui.Key.s)
     hand.frames(3)
     target = hand.folder / "look.usda"
-    hand.click("//$FOCUSED/path")
+    hand.click("//Save overrides/##path")
     hand.context.key_chars_replace_enter(str(target))
     hand.frames(5)
     hand.until(target.exists, "the saved layer")
