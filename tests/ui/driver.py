@@ -36,6 +36,8 @@ class Hand:
     """A user of the window: moves the mouse, types, and waits as long as it takes."""
 
     def __init__(self, context, app: App, folder: Path) -> None:
+        # The size of drafts follows how busy the machine is, and with it the passes that run.
+        app.picture.pace.measured = lambda *_: None
         self.context = context
         self.app = app
         self.folder = folder

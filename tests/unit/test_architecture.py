@@ -2,6 +2,7 @@
 
 import ast
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -43,6 +44,8 @@ CONFINED = {
     "OpenImageIO": {"io"},
     "blosc": {"vdb"},
     "flip_evaluator": {"metrics"},
+    "imgui_bundle": {"ui"},
+    "glfw": {"ui"},
 }
 
 LINE_LIMIT = 700
@@ -115,6 +118,17 @@ def test_the_check_of_imports_sees_them():
         "stage",
         "__init__",
     }
+
+
+def test_only_the_window_needs_a_window():
+    """Rendering works on machines without the libraries of a desktop."""
+    program = (
+        "import sys, previs, previs.cli; previs.cli.build_parser();"
+        "import previs.commands.view, previs.ui.window, previs.ui.document, previs.ui.picture;"
+        "print(sorted({'imgui_bundle', 'glfw'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
 
 
 def test_modules_are_small():

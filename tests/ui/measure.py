@@ -1,0 +1,200 @@
+"""How quick the window is, measured with real frames: run it under a display, Xvfb for instance.
+
+    xvfb-run -a -s "-screen 0 1440x900x24" python tests/ui/measure.py scenes/plume.usda [OUT.json]
+
+Prints medians: from a slider's change to the new picture on the screen, pictures a second while orbiting, time between
+frames of the window while the picture refines and while a stage loads, and processor use at rest. The view has
+640×360 pixels. It is no test: nothing asserts a time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import statistics
+import sys
+import tempfile
+import time
+from itertools import pairwise
+from pathlib import Path
+
+os.environ.setdefault("PREVIS_CONFIG", tempfile.mkdtemp(prefix="previs-measure-"))
+
+import numpy as np
+from imgui_bundle import hello_imgui
+
+import previs
+from previs.ui.runner import Runner
+from previs.ui.window import Start
+
+VIEW = (640, 360)
+CHANGES = 40
+
+
+class Measurement:
+    """Does things in the window frame by frame and notes the times."""
+
+    def __init__(self, runner: Runner, path: str, large: str) -> None:
+        self.runner, self.path, self.large = runner, path, large
+        self.results: dict[str, float] = {"view": list(VIEW)}
+        self.steps = self._script()
+        self.ended: list[float] = []
+        self.dragging = False
+
+    def take_over(self) -> None:
+        """Put the script between the window's frame and the application's turn."""
+        app = self.runner.app
+        tick = app.tick
+
+        def scripted_tick() -> None:
+            # The panel's real size does not matter to the renderer; the figures are for this one.
+            app.size = VIEW
+            next(self.steps, None)
+            app.dragging = self.dragging
+            tick()
+
+        app.tick = scripted_tick
+
+    def after_swap(self) -> None:
+        self.ended.append(time.perf_counter())
+
+    def _wait(self, condition, seconds: float = 120.0):
+        end = time.perf_counter() + seconds
+        while not condition():
+            assert time.perf_counter() < end, "it took too long"
+            yield
+
+    def _changes(self, change):
+        """Median and 90th percentile of the time from a change to the frame that shows it, one after another."""
+        app = self.runner.app
+        times = []
+        self.dragging = True
+        for number in range(CHANGES):
+            begin = time.perf_counter()
+            change(number)
+            yield
+            while not app.picture.current:
+                yield
+            # This frame has been swapped when the generator goes on; the one that shows the picture is its successor.
+            yield
+            times.append(self.ended[-1] - begin)
+        self.dragging = False
+        return statistics.median(times), sorted(times)[int(0.9 * CHANGES)]
+
+    def _script(self):
+        app = self.runner.app
+        yield from self._wait(lambda: app.document is not None and app.picture.finished)
+        document = app.document
+        volume = next(iter(document.description.volumes))
+        light = next(iter(document.description.lights))
+
+        def medium(**values):
+            return lambda scene: scene.set_medium(volume, **values)
+
+        changes = {
+            "albedo": lambda n: app.edit("a", medium(albedo=0.5 + 0.01 * n)),
+            "density_scale": lambda n: app.edit("d", medium(density_scale=1.0 + 0.01 * n)),
+            "light_intensity": lambda n: app.edit("i", lambda s: s.set_light(light, exposure=0.01 * n)),
+            "light_direction": lambda n: app.edit(
+                "l", lambda s: s.set_light(light, direction=(0.3 + 0.01 * n, -1, -0.4))
+            ),
+            "exposure": lambda n: setattr(app.view, "exposure", 0.01 * n),
+        }
+        for name, change in changes.items():
+            median, most = yield from self._changes(change)
+            self.results[name] = {
+                "median_ms": 1e3 * median,
+                "p90_ms": 1e3 * most,
+                "ran": sorted({p.split()[0] for p in app.picture.executed}),
+            }
+            yield from self._wait(lambda: app.picture.finished)
+        self.dragging = True
+        begin, serial, divisors = time.perf_counter(), app.picture.serial, []
+        while time.perf_counter() - begin < 4.0:
+            app.move_camera(lambda orbit: orbit.orbit(0.004, 0.001))
+            divisors.append(app.size[0] / app.picture.plan.width)
+            yield
+        seconds = time.perf_counter() - begin
+        self.results["orbit"] = {
+            "pictures_per_second": (app.picture.serial - serial) / seconds,
+            "divisor": statistics.median(divisors),
+        }
+        self.dragging = False
+        begin, frames = time.perf_counter(), len(self.ended)
+        yield from self._wait(lambda: app.picture.finished)
+        self.results["refining"] = {"seconds": time.perf_counter() - begin, **intervals(self.ended[frames:])}
+        begin, frames = time.perf_counter(), len(self.ended)
+        app.open(self.large)
+        yield from self._wait(lambda: app.loading is None)
+        self.results["loading"] = {"seconds": time.perf_counter() - begin, **intervals(self.ended[frames:])}
+        app.open(self.path)
+        yield from self._wait(lambda: app.loading is None)
+        yield from self._wait(lambda: app.picture.finished and not app.busy)
+        begin, spent, frames = time.perf_counter(), time.process_time(), len(self.ended)
+        while time.perf_counter() - begin < 15.0:
+            yield
+        wall = time.perf_counter() - begin
+        self.results["idle"] = {
+            "processor_percent_of_one_core": 100.0 * (time.process_time() - spent) / wall,
+            "frames_per_second": (len(self.ended) - frames) / wall,
+        }
+        hello_imgui.get_runner_params().app_shall_exit = True
+
+
+def intervals(ends: list[float]) -> dict[str, float]:
+    """Statistics of the time between frames of the window."""
+    between = sorted(1e3 * (b - a) for a, b in pairwise(ends))
+    if not between:
+        return {}
+    return {
+        "median_ms": statistics.median(between),
+        "p90_ms": between[int(0.9 * len(between))],
+        "worst_ms": between[-1],
+        "frames": len(between),
+    }
+
+
+def write_large(folder: Path) -> str:
+    """A stage with a cloud of 256³ voxels, 8.6 million of them active, as compressed as exporters write it."""
+    axis = np.linspace(-1.0, 1.0, 256)
+    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij", sparse=True)
+    density = np.clip(1.0 - x * x - y * y - z * z, 0.0, None).astype(np.float32)
+    density *= 1.0 + 0.5 * np.sin(40.0 * x) * np.sin(37.0 * y) * np.sin(31.0 * z)
+    with previs.Scene() as scene:
+        scene.add_volume("/cloud", density, bounds=((-1, -1, -1), (1, 1, 1)), extinction=(5, 5, 5))
+        scene.add_distant_light("/sun", (-1, -1, -1), irradiance=3)
+        scene.save(folder / "large.usda")
+    return str(folder / "large.usda")
+
+
+def main() -> int:
+    from imgui_bundle import immapp
+
+    from previs.ui.window import _choose_platform
+
+    path = sys.argv[1]
+    _choose_platform()
+    runner = Runner(Start(path=path, size=(1280, 720)))
+    parameters, add_ons = runner.parameters()
+    measurement = Measurement(runner, path, write_large(Path(tempfile.mkdtemp(prefix="previs-measure-"))))
+    begin = parameters.callbacks.post_init
+
+    def post_init() -> None:
+        begin()
+        if runner.app is not None:
+            measurement.take_over()
+
+    parameters.callbacks.post_init = post_init
+    parameters.callbacks.after_swap = measurement.after_swap
+    immapp.run(parameters, add_ons)
+    if runner.failure is not None:
+        raise runner.failure
+    text = json.dumps(measurement.results, indent=1)
+    print(text)
+    if len(sys.argv) > 2:
+        Path(sys.argv[2]).write_text(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
