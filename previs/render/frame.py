@@ -50,6 +50,7 @@ class Shared:
     """What the renderers that share in one context have in common beyond their stores, and how many they are."""
 
     def __init__(self, context: moderngl.Context) -> None:
+        self.context = context
         self.shaders = ShaderCache(context, UNITS)
         self.packed = PackedStore()
         # moderngl binds the last used framebuffer again after making one, and must not find it released.
@@ -60,6 +61,8 @@ class Shared:
         """Free everything."""
         self.shaders.release()
         self.packed.clear()
+        # The context may live on, and moderngl would bind the last used framebuffer again.
+        self.context.detect_framebuffer(0).use()
         self.idle.release()
 
 

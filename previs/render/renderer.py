@@ -197,9 +197,8 @@ class Renderer:
                 if self._drawing is not work:
                     raise RuntimeError("another drawing of this renderer was begun")
                 with self.context:
-                    if piece_seconds is not None:
-                        # An error that others left behind is not one of ours.
-                        _ = self.context.error
+                    # An error that others left behind is not one of ours.
+                    _ = self.context.error
                     frame.plan, frame.pace.seconds = plan, piece_seconds
                     try:
                         fraction = next(work, None)

@@ -24,8 +24,8 @@ from .refinement import Level, LevelName, Pace
 
 #: Length of the pieces that a picture at rest is drawn in, so that the window can be drawn in between.
 PIECE_SECONDS = 0.008
-#: A draft is drawn to its end without a frame of the window in between, unless it takes longer than this.
-DRAFT_PATIENCE = 0.15
+#: The first picture of a request is drawn to its end without a frame of the window in between, unless it takes longer.
+FIRST_PATIENCE = 0.15
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,9 @@ class _Drawing:
     plan: Plan
     pieces: Iterator[float]
     times: dict[str, float]
+    arrived: float
+    #: Whether it is the first picture of its request.
+    first: bool
     seconds: float = 0.0
 
 
@@ -65,7 +68,7 @@ class Picture:
         error: why the present request cannot be drawn; the last good picture stays.
         serial: moves with every picture shown.
         progress: done part of the picture being drawn, in [0, 1].
-        latency: seconds from the present request's arrival to its first picture.
+        latency: seconds from the arrival of the request shown to its first picture.
     """
 
     def __init__(self, context: moderngl.Context, share: Picture | None = None) -> None:
@@ -116,20 +119,23 @@ class Picture:
         """Ask for a picture; the same key again changes nothing."""
         if self._wanted is None or self._wanted.key != request.key:
             self._wanted, self._arrived = request, time.perf_counter()
-            self.error = ""
+            self.error, self._failed = "", None
 
     def pending(self, moving: bool) -> bool:
         """Whether `work` has anything to do; while something moves a draft is enough."""
         if self._wanted is None or self._failed == self._wanted.key:
             return False
-        if not self._is_shown():
+        # The first picture of a request that was taken back is still to come, and then this one again.
+        if not self._is_shown() or (self._drawing is not None and self._drawing.first):
             return True
         return not moving and self.level != "final"
 
     def work(self, seconds: float, moving: bool) -> bool:
         """Draw for about so long; returns whether another picture is shown now.
 
-        A draft is finished even when the request has changed meanwhile, or a hand that never rests would see nothing.
+        The first picture of a request is finished even when the request has changed meanwhile, or a hand that never
+        rests would see nothing. Two pictures that share and want different voxels are worked on one after the other:
+        by turns, each would take the other's voxels out of the atlas.
         """
         with self.context:
             # What the window itself drew is not paid from the picture's time.
@@ -137,7 +143,7 @@ class Picture:
         begin = time.perf_counter()
         changed = False
         while True:
-            if self._drawing is not None and self._drawing.level.name != "draft":
+            if self._drawing is not None and not self._drawing.first:
                 if moving or self._wanted is None or self._drawing.request.key != self._wanted.key:
                     self._drop()
             if self._drawing is None and not (self.pending(moving) and self._start()):
@@ -149,7 +155,7 @@ class Picture:
                 if not self.pending(moving):
                     return changed
             spent = time.perf_counter() - begin
-            patience = DRAFT_PATIENCE if self._drawing is not None and drawing.level.name == "draft" else seconds
+            patience = FIRST_PATIENCE if self._drawing is not None and drawing.first else seconds
             # Another piece that ends too late would hold up the window.
             if spent + PIECE_SECONDS > patience:
                 return changed
@@ -159,10 +165,11 @@ class Picture:
         request = self._wanted
         assert request is not None
         width, height = request.size
-        if self._is_shown():
-            level = self.pace.next(self.level, width, height, request.settings)
-        else:
+        first = not self._is_shown()
+        if first:
             level = self.pace.first(width, height, request.settings)
+        else:
+            level = self.pace.next(self.level, width, height, request.settings)
         if level is None:
             return False
         renderer = self._draft if level.name == "draft" else self._final
@@ -173,7 +180,7 @@ class Picture:
             self._fail(request, error)
             return False
         pieces = renderer.drawing(plan, PIECE_SECONDS, times)
-        self._drawing = _Drawing(request, level, renderer, plan, pieces, times)
+        self._drawing = _Drawing(request, level, renderer, plan, pieces, times, self._arrived, first)
         self.progress = 0.0
         return True
 
@@ -190,16 +197,19 @@ class Picture:
             self._drawing = None
             self._fail(drawing.request, error)
             return False
+        except BaseException:
+            # Asked again, the pieces would be at their end, and nothing was drawn.
+            self._drawing = None
+            raise
         self._drawing = None
         self._keep(drawing)
         drawing.seconds += time.perf_counter() - begin
         # Pictures that reuse most of their passes say nothing of the pace.
         if any(name == "march" for name in drawing.renderer.executed):
             self.pace.measured(drawing.level, drawing.plan.width * drawing.plan.height, drawing.seconds)
-        first = self._shown is None or self._shown[0].key != drawing.request.key
-        if first:
+        if drawing.first:
             self.executed = tuple(drawing.renderer.executed)
-            self.latency = time.perf_counter() - self._arrived
+            self.latency = time.perf_counter() - drawing.arrived
         self._shown = drawing.request, drawing.level
         self.level, self.times, self.plan = drawing.level.name, drawing.times, drawing.plan
         self.progress = 1.0
@@ -207,7 +217,9 @@ class Picture:
         return True
 
     def _fail(self, request: Request, error: PrevisError) -> None:
-        self.error, self._failed = str(error), request.key
+        # What is wrong with a request of the past is nothing to the present one, which is tried next.
+        if self._wanted is not None and self._wanted.key == request.key:
+            self.error, self._failed = str(error), request.key
 
     def _keep(self, drawing: _Drawing) -> None:
         """Copy the finished picture, whose target the next level may make anew."""

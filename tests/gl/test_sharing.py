@@ -11,6 +11,7 @@ from building import box_mesh, camera, distant, field, index_of, point, scene, s
 import previs
 from previs import Medium, Settings
 from previs.render import fields
+from previs.render.context import create_context
 from previs.render.fields import PackedStore
 
 pytestmark = pytest.mark.gl
@@ -250,3 +251,26 @@ def test_the_store_keeps_to_its_memory() -> None:
     tiny = PackedStore(1)
     tiny.prepare(blocks[0], 2**20, 512, 1)
     assert tiny.take(blocks[0], 2**20, 512, 1) is tiny.take(blocks[0], 2**20, 512, 1)
+
+
+def test_one_renderer_after_another_in_a_context_of_the_caller() -> None:
+    """The framebuffer that a released renderer leaves bound is gone, and moderngl must not bind it again."""
+    context = create_context()
+    try:
+        for _ in range(3):
+            with previs.Renderer(context) as renderer:
+                assert_equal(renderer.render(index_of(SCENES[0]), VIEW, SIZE, QUICK), alone(SCENES[0]))
+            with context:
+                assert context.error == "GL_NO_ERROR"
+    finally:
+        context.release()
+
+
+def test_an_error_that_others_left_behind_is_not_ours() -> None:
+    with previs.Renderer() as renderer:
+        with renderer.context as context:
+            framebuffer = context.simple_framebuffer((1, 1))
+            framebuffer.use()
+            framebuffer.release()
+            context.simple_framebuffer((1, 1)).release()
+        assert_equal(renderer.render(index_of(SCENES[3]), VIEW, SIZE, QUICK), alone(SCENES[3]))
