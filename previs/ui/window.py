@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import PrevisError
-from ..render.context import ContextError, remedy
+from ..render.context import ContextError
 
 #: "null" opens a window of GLFW's null platform: no display is needed and nothing is seen, as tests want it.
 PLATFORM_VARIABLE = "PREVIS_WINDOW"
@@ -88,7 +89,11 @@ def run(start: Start, test: Callable[[Any, Any], None] | None = None) -> None:
             )
     except RuntimeError as error:
         if runner.app is None:
-            raise ContextError(f"no window with OpenGL 3.3: {error}. {remedy()}") from error
+            cause = " ".join(str(error).split())
+            raise ContextError(
+                f"the display offers no window with OpenGL 3.3 ({cause}); install the graphics driver, or Mesa: "
+                "apt-get install --no-install-recommends libgl1-mesa-dri libglx-mesa0"
+            ) from error
         raise
     if runner.failure is not None:
         raise runner.failure
@@ -98,9 +103,15 @@ def _choose_platform() -> None:
     # After imgui_bundle, whose own GLFW library the glfw package then takes: two of them would not know of each other.
     import glfw
 
-    if os.environ.get(PLATFORM_VARIABLE) == "null":
+    null = os.environ.get(PLATFORM_VARIABLE) == "null"
+    if null:
         glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
-        glfw.init()
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", glfw.GLFWError)
+        begun = glfw.init()
+    if not begun:
+        # The warning shows GLFW's text as bytes.
+        cause = "; ".join(str(w.message).partition("b'")[2].rstrip("'") for w in said) or "there is no display"
+        raise PrevisError(f"{cause}; `previs record` renders without a display")
+    if null:
         glfw.window_hint(glfw.CONTEXT_CREATION_API, glfw.EGL_CONTEXT_API)
-    elif not glfw.init():
-        raise PrevisError("GLFW cannot reach the display; `previs record` renders without one")
