@@ -509,6 +509,8 @@ class App:
             self.playback = Playback(document, self.picture.renderer)
         if not self.view.playing:
             self.playback.pause()
+            if self.picture.finished:
+                self.playback.prefetch()
             return
         if not self.picture.current:
             return
