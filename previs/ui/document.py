@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 
 from ..description import SceneDescription
 from ..errors import PrevisError
@@ -38,6 +39,15 @@ class _Entry:
     after: str
 
 
+@dataclass(frozen=True, eq=False)
+class _Past:
+    """A look, the edits that gave it, and what it was read from besides: time code and state of the files."""
+
+    look: Look
+    snapshot: str
+    read_from: tuple[float | None, int]
+
+
 class Document:
     """One scene being looked at and tuned. No OpenGL, no ImGui.
 
@@ -52,7 +62,6 @@ class Document:
 
     Attributes:
         description: the last description that could be read.
-        before: what was seen before the last edit, to compare with.
         settings: the knobs: what the stage says, edits included.
         error: why the stage as it is now cannot be shown; "" when `description` is what the stage holds.
         version: moves when description or settings did.
@@ -71,17 +80,44 @@ class Document:
         self.time: float = time if time is not None else (self.time_range.start if self.time_range else 0.0)
         self.description: SceneDescription = scene.describe(self.time_code, progress=progress)
         self.settings = Settings(**scene.settings())
-        self.before = Look(self.description, self.settings)
         self.error = ""
         self.version = next(_versions)
         self._undone: list[_Entry] = []
         self._done: list[_Entry] = []
-        self._group: tuple[str, str, Look] | None = None
-        self._saved = scene.snapshot()
+        self._group: tuple[str, _Past] | None = None
+        self._reloads = 0
+        self._past = self._present()
+        self._saved = self._past.snapshot
 
     @property
-    def _look(self) -> Look:
-        return Look(self.description, self.settings)
+    def _read_from(self) -> tuple[float | None, int]:
+        return self.time_code, self._reloads
+
+    def _present(self) -> _Past:
+        return _Past(Look(self.description, self.settings), self.scene.snapshot(), self._read_from)
+
+    @property
+    def before(self) -> Look:
+        """What was to be seen before the last edit, at the time shown now and from the files as they are now."""
+        past = self._past
+        if past.read_from != self._read_from:
+            self._past = replace(past, look=self._look_with(past.snapshot) or past.look, read_from=self._read_from)
+        return self._past.look
+
+    def _look_with(self, edits: str) -> Look | None:
+        """What there is to be seen with other edits; None where that cannot be read."""
+        present = self.scene.snapshot()
+        try:
+            self.scene.restore(edits)
+            return Look(self.scene.describe(self.time_code), Settings(**self.scene.settings()))
+        except PrevisError:
+            return None
+        finally:
+            self.scene.restore(present)
+            if not self.error:
+                # The same again, which is nothing new to anybody.
+                with suppress(PrevisError):
+                    self.description = self.scene.describe(self.time_code)
 
     @property
     def name(self) -> str:
@@ -106,20 +142,24 @@ class Document:
         Raises:
             PrevisError: when the change is refused; the scene is then as before.
         """
-        before, shown = self.scene.snapshot(), self._look
+        present = self._present()
         try:
             change(self.scene)
-        except (PrevisError, ValueError) as error:
-            self.scene.restore(before)
-            raise PrevisError(str(error)) from error
+        except Exception as error:
+            self.scene.restore(present.snapshot)
+            if isinstance(error, ValueError):
+                raise PrevisError(str(error)) from error
+            raise
         if self._group is None:
-            self._remember(label, before, shown)
+            self._remember(label, present)
+        else:
+            self._past = self._group[1]
         self.refresh()
 
     def begin(self, label: str) -> None:
         """Open an entry of the history that all edits up to `end` belong to, such as those of one drag."""
         self.end()
-        self._group = (label, self.scene.snapshot(), self._look)
+        self._group = (label, self._present())
 
     def end(self) -> None:
         """Close the entry; without an edit since `begin` there is none."""
@@ -127,12 +167,23 @@ class Document:
             group, self._group = self._group, None
             self._remember(*group)
 
-    def _remember(self, label: str, before: str, shown: Look) -> None:
+    @contextmanager
+    def _outside_group(self) -> Iterator[None]:
+        """Close the entry for something that is none of its edits; those that follow belong to another of its name."""
+        group = self._group
+        self.end()
+        try:
+            yield
+        finally:
+            if group is not None:
+                self.begin(group[0])
+
+    def _remember(self, label: str, past: _Past) -> None:
         after = self.scene.snapshot()
-        if after == before:
+        if after == past.snapshot:
             return
-        self.before = shown
-        self._done.append(_Entry(label, before, after))
+        self._past = past
+        self._done.append(_Entry(label, past.snapshot, after))
         del self._done[:-HISTORY_LIMIT]
         self._undone.clear()
 
@@ -148,33 +199,33 @@ class Document:
 
     def undo(self) -> str:
         """Take back the last edit; returns its label, "" when there was none."""
-        self.end()
-        if not self._done:
-            return ""
-        entry = self._done.pop()
-        self._undone.append(entry)
-        self._restore(entry.before)
-        return entry.label
+        with self._outside_group():
+            if not self._done:
+                return ""
+            entry = self._done.pop()
+            self._undone.append(entry)
+            self._restore(entry.before)
+            return entry.label
 
     def redo(self) -> str:
         """Do the last undone edit again; returns its label, "" when there was none."""
-        self.end()
-        if not self._undone:
-            return ""
-        entry = self._undone.pop()
-        self._done.append(entry)
-        self._restore(entry.after)
-        return entry.label
+        with self._outside_group():
+            if not self._undone:
+                return ""
+            entry = self._undone.pop()
+            self._done.append(entry)
+            self._restore(entry.after)
+            return entry.label
 
     def _restore(self, snapshot: str) -> None:
-        self.before = self._look
+        self._past = self._present()
         self.scene.restore(snapshot)
         self.refresh()
 
     def discard(self) -> None:
         """Take all edits back, as one entry of the history."""
-        self.end()
-        self.edit("Discard overrides", lambda scene: scene.discard_overrides())
+        with self._outside_group():
+            self.edit("Discard overrides", lambda scene: scene.discard_overrides())
 
     def restore_edits(self, snapshot: str, label: str = "Recover edits") -> None:
         """Put edits from elsewhere in the place of the present ones, as one entry of the history.
@@ -182,8 +233,8 @@ class Document:
         Raises:
             PrevisError: when they are not USD.
         """
-        self.end()
-        self.edit(label, lambda scene: scene.restore(snapshot))
+        with self._outside_group():
+            self.edit(label, lambda scene: scene.restore(snapshot))
 
     # --- time -----------------------------------------------------------------------------------------------------
 
@@ -218,7 +269,6 @@ class Document:
         Raises:
             PrevisError: when it cannot be written.
         """
-        self.end()
         try:
             self.scene.save_overrides(path)
         except ValueError as error:
@@ -227,13 +277,16 @@ class Document:
 
     def reload(self) -> None:
         """Read again what changed on disk; the edits stay."""
+        self._reloads += 1
+        unreadable = ""
         try:
             self.scene.reload()
         except PrevisError as error:
-            self.error = str(error)
-            return
+            unreadable = str(error)
         self.time_range = self.scene.time_range
+        # The other files were read all the same.
         self.refresh()
+        self.error = unreadable or self.error
 
     def close(self) -> None:
         """Release the scene."""
