@@ -400,7 +400,7 @@ class App:
                 self._other_index.update(self._visible(before.description))
                 self._other_indexed = seen
             index, settings = self._other_index, before.settings
-            key = (id(before), key[0][1], key[1:])
+            key = (before, key[0][1], key[1:])
         self.other.show(Request((key, tuple(settings.items())), index, camera, self.size, settings))
 
     def compared_settings(self, settings: Settings) -> Settings:
@@ -438,7 +438,7 @@ class App:
             view.exposure, view.color_correction, view.ocio_display or None, view.ocio_view or None
         )
         compare = Compare(mode, view.divider)
-        serials = (self.picture.serial, self.other.serial if self.other is not None else 0, id(texture), id(other))
+        serials = (self.picture.serial, self.other.serial if self.other is not None else 0, mode)
         state = (serials, self.size, transform, compare)
         if state == self._displayed:
             return
