@@ -10,7 +10,7 @@ from contextlib import closing
 import moderngl
 import numpy as np
 
-from ..description import Camera, Note, SceneDescription
+from ..description import Camera, Field, Note, SceneDescription
 from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
@@ -22,6 +22,8 @@ from .passes import RUNNERS
 from .plan import Atlases, DeviceLimits, Plan, PlannedPass, make_plan
 from .shader import ShaderError
 
+#: Components of a texel by what a field is used for.
+FIELD_COMPONENTS = {"density": 1, "temperature": 1, "emission": 4}
 #: Planes that are averaged over the samples of a pixel. Depth takes the nearest, the others the first sample: the mean
 #: of a surface's normal and the background's is no normal.
 AVERAGED = ("color", "alpha", "transmittance", "volume", "emission")
@@ -365,21 +367,30 @@ class Renderer:
             settings: the knobs that it will be drawn with; None takes the defaults.
             progress: called with the part that is done, in [0, 1]; an exception it raises stops the work.
         """
-        memory = (settings or Settings()).field_memory * 2**20
+        settings = settings or Settings()
         wanted = [
             (f, components)
             for volume in description.volumes.values()
             if any(s > 0.0 for s in volume.medium.strength)
-            for f, components in ((volume.density, 1), (volume.temperature, 1), (volume.emission, 4))
-            if f is not None and f.grid.active_count
+            for role, components in FIELD_COMPONENTS.items()
+            if (f := getattr(volume, role)) is not None and f.grid.active_count
         ]
         sizes = [max(int(field_dims(f).prod()), 1) for f, _ in wanted]
         for number, (f, components) in enumerate(wanted):
             if progress is not None:
                 progress(sum(sizes[:number]) / sum(sizes))
-            self._frame.shared.packed.prepare(f, memory, self.limits.texture_3d_size, components)
+            self._pack(f, settings, components)
         if progress is not None:
             progress(1.0)
+
+    def prepare_field(self, f: Field, settings: Settings, role: str) -> None:
+        """Pack one field as `prepare` does; `role` is what a volume uses it for: density, temperature or emission."""
+        if f.grid.active_count:
+            self._pack(f, settings, FIELD_COMPONENTS.get(role, 1))
+
+    def _pack(self, f: Field, settings: Settings, components: int) -> None:
+        memory = settings.field_memory * 2**20
+        self._frame.shared.packed.prepare(f, memory, self.limits.texture_3d_size, components)
 
     def forget_scene(self) -> None:
         """Free what belongs to the scene last rendered; compiled shaders stay."""

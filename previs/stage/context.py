@@ -54,8 +54,8 @@ class Placement:
 class Translation:
     """What one prim gave, and the prims it depends on: a change in or above any of their subtrees makes it stale.
 
-    `fields` are the field prims that it reads, `grid_files` the files of their grids by the grids' keys. `varying` is
-    whether it may differ at another time, None where nobody has looked yet.
+    `fields` are the field prims that it reads, with the names of their relationships, `grid_files` the files of their
+    grids by the grids' keys. `varying` is whether it may differ at another time, None where nobody has looked yet.
     """
 
     path: Sdf.Path
@@ -65,7 +65,7 @@ class Translation:
     cameras: list[Camera] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     dependencies: set[Sdf.Path] = field(default_factory=set)
-    fields: set[Sdf.Path] = field(default_factory=set)
+    fields: dict[Sdf.Path, str] = field(default_factory=dict)
     grid_files: dict[Hashable, str] = field(default_factory=dict)
     subdivided: bool = False
     varying: bool | None = None

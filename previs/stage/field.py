@@ -41,12 +41,16 @@ class LoadedGrid:
 
 @dataclass(frozen=True)
 class GridRequest:
-    """A grid that a field prim names at some time: all that is needed to read it without USD."""
+    """A grid that a field prim names at some time: all that is needed to read it without USD.
+
+    `field` is the relationship by which a volume uses the prim, such as "density"; "" where nobody asked.
+    """
 
     prim: str
     file: str
     name: str
     index: int | None
+    field: str = ""
 
 
 class GridCache:
@@ -135,7 +139,7 @@ class GridCache:
                 self._loading.pop(key).set()
 
 
-def grid_request(prim: Usd.Prim, time: Usd.TimeCode) -> GridRequest:
+def grid_request(prim: Usd.Prim, time: Usd.TimeCode, field: str = "") -> GridRequest:
     """What an OpenVDBAsset names at a time. Raises `PrevisError`, which names the prim, when there is no such file."""
     asset = attribute_value(prim, "filePath", time)
     if asset is None or not asset.path:
@@ -146,7 +150,7 @@ def grid_request(prim: Usd.Prim, time: Usd.TimeCode) -> GridRequest:
     name = str(attribute_value(prim, "fieldName", time, "") or "")
     index_attribute = prim.GetAttribute("fieldIndex")
     index = index_attribute.Get(time) if index_attribute else None
-    return GridRequest(str(prim.GetPath()), resolved, name, None if index is None else int(index))
+    return GridRequest(str(prim.GetPath()), resolved, name, None if index is None else int(index), field)
 
 
 def fetch_grid(request: GridRequest, grids: GridCache) -> LoadedGrid:

@@ -143,12 +143,12 @@ class StageReader:
         code = time_code(time)
         requests: dict[GridRequest, None] = {}
         with quiet_diagnostics():
-            for path in self._field_paths():
+            for path, field in self._field_prims().items():
                 prim = self.stage.GetPrimAtPath(path)
                 if not prim or not prim.IsA(UsdVol.OpenVDBAsset):
                     continue
                 try:
-                    requests[grid_request(prim, code)] = None
+                    requests[grid_request(prim, code, field)] = None
                 except PrevisError:
                     # Said by the reading of that time.
                     continue
@@ -174,7 +174,7 @@ class StageReader:
                 if layer.realPath:
                     found[outer_file(layer.realPath)] = None
             time = self._time if self._time is not None else Usd.TimeCode.EarliestTime()
-            for path in self._field_paths():
+            for path in self._field_prims():
                 prim = self.stage.GetPrimAtPath(path)
                 file = named_file(prim, time) if prim and prim.IsA(UsdVol.OpenVDBAsset) else None
                 if file:
@@ -186,11 +186,12 @@ class StageReader:
         self._grids.forget_changed()
         self._recheck = True
 
-    def _field_paths(self) -> list[Sdf.Path]:
-        """The field prims that are read, as far as it is known; all that may be for a volume that was not read yet."""
-        paths: dict[Sdf.Path, None] = {}
+    def _field_prims(self) -> dict[Sdf.Path, str]:
+        """The field prims that are read, with the names of their relationships; all that may be read for a volume that
+        was not read yet."""
+        paths: dict[Sdf.Path, str] = {}
         for out in self._translations.values():
-            paths.update(dict.fromkeys(sorted(out.fields)))
+            paths.update(sorted(out.fields.items()))
         if self._prims is None:
             self._prims = list(self._interesting_prims())
             self._stage_notes = self._notes_of_stage()
@@ -198,9 +199,9 @@ class StageReader:
             # After a change that was not read yet some are gone.
             if prim and prim.IsA(UsdVol.Volume) and prim.GetPath() not in self._translations:
                 fields = UsdVol.Volume(prim).GetFieldPaths()
-                used = [path for name, path in fields.items() if name in USED_FIELDS or "density" not in fields]
-                paths.update(dict.fromkeys(map(Sdf.Path, used)))
-        return list(paths)
+                used = [name for name in fields if name in USED_FIELDS or "density" not in fields]
+                paths.update({Sdf.Path(fields[name]): name for name in used})
+        return paths
 
     def _notes_of_stage(self) -> list[Note]:
         return [*self._composition_notes(), *self._color_space_notes()]

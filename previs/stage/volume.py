@@ -153,7 +153,7 @@ def _read_field(
 ) -> Field | None:
     """The field of that name, None (with a note) for an empty grid."""
     target = fields[name]
-    out.fields.add(target.GetPath())
+    out.fields.setdefault(target.GetPath(), name)
     loaded, notes = read_field(target, context.time, context.grids)
     out.grid_files[loaded.key] = loaded.file
     out.notes.extend(notes)

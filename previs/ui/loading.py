@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import traceback
 from collections.abc import Callable
 from typing import Any
 
@@ -47,6 +48,7 @@ class Loading:
         self.document: Document | None = None
         self._prepare, self._time, self._options = prepare, time, options
         self._stop = threading.Event()
+        self._handing_over = threading.Lock()
         self._thread = threading.Thread(target=self._run, name="previs loading", daemon=True)
         self._thread.start()
 
@@ -61,8 +63,12 @@ class Loading:
         return self._stop.is_set()
 
     def cancel(self) -> None:
-        """Ask the thread to end; it does at the next prim or field."""
-        self._stop.set()
+        """Ask the thread to end; it does at the next prim or field. A document that is there is closed."""
+        with self._handing_over:
+            self._stop.set()
+            document, self.document = self.document, None
+        if document is not None:
+            document.close()
 
     def wait(self, seconds: float | None = None) -> None:
         """Wait until the thread has ended."""
@@ -71,17 +77,28 @@ class Loading:
     def _run(self) -> None:
         try:
             try:
-                self.document = self._open(self._options)
+                document = self._open(self._options)
             except PrevisError as error:
                 # What cannot be read is left out, so that the rest can be seen and mended.
                 self.error = str(error)
-                self.document = self._open({**self._options, "keep_going": True})
+                document = self._open({**self._options, "keep_going": True})
         except _Cancelled:
-            pass
+            self.error = ""
         except PrevisError as error:
             self.error = str(error)
         except MemoryError:
             self.error = f"{self.path}: there is not enough memory to read it"
+        except Exception as error:
+            # The thread's end is all that others see: it must not be one without a reason.
+            traceback.print_exc()
+            self.error = f"{self.path}: previs made an error: {type(error).__name__}: {error}"
+        else:
+            with self._handing_over:
+                if not self._stop.is_set():
+                    self.document = document
+                    return
+            self.error = ""
+            document.close()
 
     def _open(self, options: dict[str, Any]) -> Document:
         scene = Scene.open(self.path, **options)

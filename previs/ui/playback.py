@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
+import numpy as np
+
+from ..description import Field
 from ..errors import PrevisError
 from ..render.renderer import Renderer
+from ..settings import Settings
+from ..stage import StageReader
+from ..stage.field import GridRequest
 from .document import Document
 
-#: Frames read ahead of the one shown.
+#: Frames read ahead of the one shown, and the bytes of voxels that they may take: well below what the caches of the
+#: reader and the renderer hold, or the last of them would push out the first.
 AHEAD = 6
+MEMORY = 2**29
 
 
 class Playback:
@@ -29,16 +37,19 @@ class Playback:
         self._renderer = renderer
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="previs prefetch")
         self._stop = threading.Event()
-        self._jobs: dict[float, Future[None]] = {}
+        self._jobs: dict[float, Future[int]] = {}
         self._due: float | None = None
 
     @property
     def prefetched(self) -> frozenset[float]:
-        """Times whose voxels are in memory."""
+        """The next times whose voxels were read ahead."""
         return frozenset(t for t, job in self._jobs.items() if job.done())
 
     def ready(self, time: float) -> bool:
-        """Whether a time can be shown without reading files."""
+        """Whether there is nothing to wait for: a time was read ahead, or cannot be."""
+        job = self._jobs.get(time)
+        if job is not None and job.done():
+            return True
         reader = self._document.scene.reader
         try:
             return all(reader.is_fetched(r) for r in reader.grid_requests(time))
@@ -60,6 +71,7 @@ class Playback:
         interval = 1.0 / max(frames_per_second, 1e-3)
         if self._due is None:
             self._due = now + interval
+            self.prefetch()
             return None
         if now < self._due:
             return None
@@ -69,6 +81,8 @@ class Playback:
             following = self._after(document.time, 1)
             if not self.ready(following):
                 self.prefetch()
+                # The clock waits too, or what comes after would be skipped for it.
+                self._due = now
                 return None
         self._due = max(self._due + steps * interval, now)
         return following
@@ -95,8 +109,9 @@ class Playback:
         wanted = list(dict.fromkeys(self._upcoming()))
         for time in [t for t in self._jobs if t not in wanted and self._jobs[t].done()]:
             del self._jobs[time]
-        reader = document.scene.reader
-        for time in wanted:
+        reader, settings = document.scene.reader, document.settings
+        largest = max((job.result() for job in self._jobs.values() if job.done()), default=0)
+        for time in wanted[: max(int(MEMORY / max(largest, 1)), 1)]:
             if time in self._jobs:
                 continue
             try:
@@ -104,18 +119,26 @@ class Playback:
             except PrevisError:
                 # It will be said when the frame is shown.
                 continue
-            self._jobs[time] = self._pool.submit(self._fetch, requests)
+            self._jobs[time] = self._pool.submit(self._fetch, reader, requests, settings)
 
-    def _fetch(self, requests) -> None:
+    def _fetch(self, reader: StageReader, requests: Iterable[GridRequest], settings: Settings) -> int:
+        """Read and pack the grids of a time; returns the bytes of what was read."""
+        read = 0
         for request in requests:
             if self._stop.is_set():
-                return
+                break
             try:
-                self._document.scene.reader.fetch(request)
-            except PrevisError:
-                return
+                loaded = reader.fetch(request)
+                if not self._stop.is_set():
+                    # Where the grid lies in its volume does not matter to what is packed.
+                    self._renderer.prepare_field(Field(loaded.key, loaded.grid, np.eye(4)), settings, request.field)
+            except (PrevisError, MemoryError):
+                # It will be said when the frame is shown.
+                break
+            read += loaded.nbytes
+        return read
 
     def close(self) -> None:
-        """End the thread."""
+        """End the thread; a file that it is just reading is read to its end, but nobody waits for it."""
         self._stop.set()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool.shutdown(wait=False, cancel_futures=True)
