@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from pxr import Usd
+
+#: Time codes per second where a stage says none, or none that a clock can go by.
+DEFAULT_RATE = 24.0
 
 
 @dataclass(frozen=True)
@@ -17,20 +21,23 @@ class TimeRange:
 
 
 def time_range(stage: Usd.Stage) -> TimeRange | None:
-    """The authored range, else that of the time samples; None for a stage that nothing animates."""
+    """The authored range where it is finite, else that of the time samples; None for a stage that nothing animates."""
     start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    authored = stage.HasAuthoredTimeCodeRange() and end > start
+    authored = stage.HasAuthoredTimeCodeRange() and end > start and math.isfinite(end - start)
+    rate = stage.GetTimeCodesPerSecond()
+    if not 0.0 < rate < math.inf:
+        rate = DEFAULT_RATE
     first, last = float("inf"), float("-inf")
     for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)):
         # Value clips may animate what no layer of the stage mentions.
         if authored and prim.HasAuthoredMetadata("clips"):
-            return TimeRange(start, end, stage.GetTimeCodesPerSecond())
+            return TimeRange(start, end, rate)
         for attribute in prim.GetAuthoredAttributes():
             if not attribute.ValueMightBeTimeVarying():
                 continue
             if authored:
-                return TimeRange(start, end, stage.GetTimeCodesPerSecond())
+                return TimeRange(start, end, rate)
             samples = attribute.GetTimeSamples()
             if samples:
                 first, last = min(first, samples[0]), max(last, samples[-1])
-    return TimeRange(first, last, stage.GetTimeCodesPerSecond()) if last > first else None
+    return TimeRange(first, last, rate) if last > first else None

@@ -250,7 +250,11 @@ def _links_some(prim: Usd.Prim, collection: str) -> bool:
 
 
 def _scale_spread(matrices: np.ndarray) -> float:
-    """How much the largest scale of these transforms exceeds the smallest, relative to it."""
-    singular = np.linalg.svd(np.asarray(matrices, float)[:, :3, :3], compute_uv=False)
+    """How much the largest scale of these transforms exceeds the smallest, relative to it; of those that are finite."""
+    matrices = np.asarray(matrices, float)
+    matrices = matrices[np.isfinite(matrices).all(axis=(1, 2)), :3, :3]
+    if len(matrices) == 0:
+        return 0.0
+    singular = np.linalg.svd(matrices, compute_uv=False)
     largest, smallest = singular.max(axis=1), singular.min(axis=1)
     return float(np.max((largest - smallest) / np.maximum(largest, 1e-300), initial=0.0))

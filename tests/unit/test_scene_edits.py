@@ -796,3 +796,21 @@ def test_media_of_native_instances_can_be_looked_at(shot):
         # The material is outside and shared.
         scene.set_medium("/P/V", albedo=0.125)
         assert scene.describe().volumes["/W/V"].medium.albedo == (0.125,) * 3
+
+
+@pytest.mark.parametrize(
+    ("metadata", "expected"),
+    [
+        ("startTimeCode = 1\nendTimeCode = inf", (2.0, 5.0, 24.0)),
+        ("startTimeCode = nan\nendTimeCode = 9", (2.0, 5.0, 24.0)),
+        ("startTimeCode = 1\nendTimeCode = 9\ntimeCodesPerSecond = 0", (1.0, 9.0, 24.0)),
+        ("startTimeCode = 9\nendTimeCode = 1\ntimeCodesPerSecond = 12", (2.0, 5.0, 12.0)),
+    ],
+)
+def test_a_range_of_time_that_no_clock_can_go_by(tmp_path, metadata, expected):
+    path = tmp_path / "t.usda"
+    light = 'def SphereLight "L" {\n float inputs:intensity.timeSamples = { 2: 1, 5: 2 }\n}\n'
+    path.write_text(f"#usda 1.0\n(\n{metadata}\n)\n{light}")
+    with Scene.open(path) as scene:
+        covered = scene.time_range
+        assert (covered.start, covered.end, covered.frames_per_second) == expected

@@ -202,3 +202,11 @@ def test_animated_light():
     text = 'def SphereLight "L" { float inputs:intensity.timeSamples = {1: 1, 3: 5} }'
     assert only(describe(text, 2.0).lights).radiance[0] == 3.0
     assert only(describe(text).lights).radiance[0] == 1.0
+
+
+def test_a_light_that_is_nowhere_is_left_out() -> None:
+    """Whatever its size is, which is measured by the transform too."""
+    place = 'double3 xformOp:translate = (nan, 0, 0)\nuniform token[] xformOpOrder = ["xformOp:translate"]'
+    scene = describe(f'def SphereLight "L" {{\nfloat inputs:radius = 0.5\n{place}\n}}\ndef SphereLight "K" {{\n}}')
+    assert set(scene.lights) == {"/K"}
+    assert [str(n) for n in notes(scene, "ignored")] == ["/L: ignored: its transform is not finite; it is left out"]
