@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -252,11 +253,20 @@ class Document:
     # --- files ----------------------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Read what changed. What cannot be read leaves the last good description and says so in `error`."""
+        """Read what changed. What cannot be read leaves the last good description and says so in `error`.
+
+        That holds for errors of previs too, which go to stderr: a file that nobody thought of must not cost the edits.
+        """
         try:
             description, settings = self.scene.describe(self.time_code), Settings(**self.scene.settings())
         except PrevisError as error:
             self.error = str(error)
+            return
+        except Exception as error:
+            text = f"previs made an error in reading the stage: {type(error).__name__}: {error}"
+            if text != self.error:
+                traceback.print_exc()
+            self.error = text
             return
         self.error = ""
         if description is not self.description or settings != self.settings:

@@ -413,3 +413,17 @@ def test_one_unreadable_layer_does_not_hold_up_the_others(document: Document, sh
     document.reload()
     assert "lights.usda" in document.error
     assert document.description.volumes["/V"].density.grid.active_count == 216
+
+
+def test_an_error_of_ours_in_reading_costs_nothing(document: Document, monkeypatch, capfd) -> None:
+    good = document.description
+    with monkeypatch.context() as patched:
+        patched.setattr(document.scene, "describe", lambda *_: 1 / 0)
+        thicken(document, 2.0)
+        thicken(document, 3.0)
+        assert "ZeroDivisionError" in document.error
+        assert document.description is good
+    assert capfd.readouterr().err.count("Traceback") == 1
+    document.undo()
+    assert document.error == ""
+    assert extinction(document) == (2.0, 2.0, 2.0)
