@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -44,6 +45,7 @@ class LightValues:
     """The numbers authored on a light, by the names of `Scene.set_light`, schema defaults where there are none.
 
     Sizes that the kind of light does not have are 0. `visible` is the result with what hides it from above.
+    `position` and `direction` (unit length, where the light travels) are the world's.
     """
 
     kind: LightKind
@@ -65,6 +67,8 @@ class LightValues:
     visible: bool
     focus_tint: Color
     treat_as_point: bool
+    position: tuple[float, float, float]
+    direction: tuple[float, float, float]
 
 
 #: What an input is where the prim has no schema for it.
@@ -101,7 +105,11 @@ def light_values(prim: Usd.Prim, time: float | None) -> LightValues:
         parsed = as_color(value) if kind == Sdf.ValueTypeNames.Color3f else as_float(value)
         values[name] = default if parsed is None else parsed
     visible = UsdGeom.Imageable(prim).ComputeVisibility(code) != UsdGeom.Tokens.invisible
-    return LightValues(kind=light_kind(prim), visible=visible, **values)
+    world = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(code), float)
+    length = float(np.linalg.norm(world[2, :3]))
+    axis = -world[2, :3] / length if math.isfinite(length) and length > 0.0 else np.array([0.0, 0.0, -1.0])
+    place_values = {"position": tuple(world[3, :3].tolist()), "direction": tuple(axis.tolist())}
+    return LightValues(kind=light_kind(prim), visible=visible, **values, **place_values)
 
 
 def default_light_values(kind: str) -> LightValues:

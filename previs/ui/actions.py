@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from . import placing
 from .app import App
 from .commands import Command
 from .dialogs import Dialogs
@@ -41,6 +42,21 @@ def make_commands(app: App, dialogs: Dialogs, leave: Callable[[Callable[[], None
         assert app.document is not None
         name = Path(app.document.name).stem + "_look.usda"
         dialogs.save_file("Save overrides", os.path.join(folder(), name), LAYERS, app.save_overrides)
+
+    def load_overrides() -> None:
+        dialogs.open_file("Load overrides", folder(), LAYERS, app.load_overrides)
+
+    def add_sun() -> None:
+        assert app.document is not None
+        document = app.document
+        taken = {Path(item.path).name for item in document.scene.outline(document.time_code)}
+        path = f"/previs_lights/sun{next(n for n in range(1, 10000) if f'sun{n}' not in taken)}"
+        # From the upper left of the front; 3 makes white surfaces about white at an exposure of 0.
+        direction = placing.direction(40.0, -40.0, document.description.up_axis)
+        dark = not document.description.lights
+        if app.edit("Add a sun", lambda scene: scene.add_distant_light(path, direction, irradiance=3.0)):
+            app.select(path)
+            app.view.auto_exposure = app.view.auto_exposure or dark
 
     def export_image() -> None:
         assert app.document is not None
@@ -104,6 +120,14 @@ def make_commands(app: App, dialogs: Dialogs, leave: Callable[[Callable[[], None
             has_document,
             tooltip="Write the edits as a layer over the stage",
         ),
+        "load_overrides": Command(
+            "Load overrides…",
+            load_overrides,
+            "",
+            has_document,
+            tooltip="Read a layer saved before; it takes the place of the present edits",
+        ),
+        "add_sun": Command("Add a sun", add_sun, "", has_document, tooltip="A distant light, saved with the overrides"),
         "discard": Command("Discard overrides", discard, "", modified, tooltip="Take back every edit; can be undone"),
         "export_image": Command("Export picture…", export_image, "Ctrl+E", has_document, tooltip="As PNG, JPEG or EXR"),
         "copy_camera": Command(

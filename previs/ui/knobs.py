@@ -492,6 +492,40 @@ LIGHT: tuple[Knob, ...] = (
     Knob("casts_shadows", "Casts shadows", "bool", "Whether anything throws a shadow in this light.", True),
 )
 
+#: Where a light is: `Scene.set_light` takes `direction` and `position`, the panel shows angles and coordinates.
+PLACE: tuple[Knob, ...] = (
+    Knob(
+        "elevation",
+        "Elevation",
+        "float",
+        "How high over the horizon the light comes from: 90° shines straight down.",
+        45.0,
+        unit="°",
+        # Straight up or down there is no azimuth to turn.
+        minimum=-89.9,
+        maximum=89.9,
+        low=-89.9,
+        high=89.9,
+        decimals=1,
+    ),
+    Knob(
+        "azimuth",
+        "Azimuth",
+        "float",
+        "The side that the light comes from: 0° in front (+Z, or -Y where Z is up), 90° at +X.",
+        0.0,
+        unit="°",
+        minimum=-180.0,
+        maximum=180.0,
+        low=-180.0,
+        high=180.0,
+        decimals=1,
+    ),
+    Knob("position_x", "X", "float", "Where the light is, in the world.", 0.0, "units"),
+    Knob("position_y", "Y", "float", "Where the light is, in the world.", 0.0, "units"),
+    Knob("position_z", "Z", "float", "Where the light is, in the world.", 0.0, "units"),
+)
+
 # --- the renderer -----------------------------------------------------------------------------------------------------
 
 #: What `settings.TABLE` does not say: label, comfortable range, response, choices to read.
@@ -570,5 +604,6 @@ def _by_name(*tables: tuple[Knob, ...]) -> dict[str, Knob]:
 
 MEDIUM_BY_NAME: Mapping[str, Knob] = _by_name(MEDIUM)
 LIGHT_BY_NAME: Mapping[str, Knob] = _by_name(LIGHT)
+PLACE_BY_NAME: Mapping[str, Knob] = _by_name(PLACE)
 RENDER_BY_NAME: Mapping[str, Knob] = _by_name(RENDER)
 VIEW_BY_NAME: Mapping[str, Knob] = _by_name(VIEW)

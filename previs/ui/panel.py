@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,8 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from .. import blackbody
 from ..description import Medium
-from . import widgets
-from .knobs import LIGHT, LIGHT_BY_NAME, MEDIUM, MEDIUM_BY_NAME, Knob, encoded
+from . import placing, widgets
+from .knobs import LIGHT, LIGHT_BY_NAME, MEDIUM, MEDIUM_BY_NAME, PLACE_BY_NAME, Knob, encoded
 from .lobe import ISOTROPIC, Lobe, Polar, Radius, lobe, outline
 from .outliner import ICONS
 from .theme import ACCENT, CURVES, DIM, FRAME, dim, em, packed, tooltip
@@ -260,20 +260,20 @@ def _draw_volume(app: Any, path: str) -> None:
             dim("The volume has no temperature field.")
         if medium.emits is False and max(medium.emission) > 0.0:
             dim("Nothing glows: the medium absorbs nothing. Lower the albedo.")
-    _reset_all(app, path, shown, MEDIUM, "reset_medium")
+    _reset_all(app, path, shown, {k.name: k.label for k in MEDIUM}, "reset_medium")
 
 
-def _reset_all(app: Any, path: str, shown: _Shown, knobs: tuple[Knob, ...], reset: str) -> None:
-    pairs = ((k, _plain(getattr(shown.now, k.name)), _plain(getattr(shown.stage, k.name))) for k in knobs)
-    edited = [k for k, now, stage in pairs if not widgets.same(now, stage)]
+def _reset_all(app: Any, path: str, shown: _Shown, labels: Mapping[str, str], reset: str) -> None:
+    pairs = ((name, _plain(getattr(shown.now, name)), _plain(getattr(shown.stage, name))) for name in labels)
+    edited = [name for name, now, stage in pairs if not widgets.same(now, stage)]
     if not edited:
         return
     imgui.dummy(ImVec2(0.0, em(0.3)))
     label = f"{icons_fontawesome.ICON_FA_UNDO}  Reset to the stage's values###reset_all"
     if imgui.button(label, ImVec2(-1.0, 0.0)):
         noun = path.rsplit("/", 1)[-1]
-        app.edit(f"Reset {noun}", lambda scene: getattr(scene, reset)(path, *(k.name for k in edited)))
-    tooltip("Takes back the changes of:\n" + ", ".join(k.label for k in edited))
+        app.edit(f"Reset {noun}", lambda scene: getattr(scene, reset)(path, *edited))
+    tooltip("Takes back the changes of:\n" + ", ".join(labels[name] for name in edited))
 
 
 # --- the lobe ---------------------------------------------------------------------------------------------------------
@@ -381,9 +381,11 @@ def _draw_light(app: Any, path: str) -> None:
         for name in sizes:
             knob(name)
     _draw_cone(app, path, light, knob)
+    _draw_place(app, path, shown)
     imgui.separator_text("Shadows")
     knob("casts_shadows")
-    _reset_all(app, path, shown, LIGHT, "reset_light")
+    labels = {**{k.name: k.label for k in LIGHT}, "direction": "Direction", "position": "Position"}
+    _reset_all(app, path, shown, labels, "reset_light")
 
 
 def _draw_switches(app: Any, path: str, shown: _Shown) -> None:
@@ -447,3 +449,62 @@ def _draw_cone(app: Any, path: str, light: Any, knob: Callable[[str], None]) -> 
     if imgui.button("Make it a spot###make_spot", ImVec2(-1.0, 0.0)):
         app.edit(f"Make {path.rsplit('/', 1)[-1]} a spot", lambda scene: scene.set_light(path, **_SPOT))
     tooltip("Gives the light a cone about its axis.")
+
+
+# --- where a light is -------------------------------------------------------------------------------------------------
+
+
+def _draw_place(app: Any, path: str, shown: _Shown) -> None:
+    """Where light comes from, for lights that have a direction, and where the light stands."""
+    light = shown.now
+    aimed = light.kind not in ("sphere", "cylinder", "dome") or light.cone_angle < 90.0
+    placed = light.kind not in ("distant", "dome")
+    if aimed:
+        imgui.separator_text("Direction")
+        _draw_direction(app, path, shown)
+    if placed:
+        imgui.separator_text("Position")
+        _draw_position(app, path, shown)
+    if (aimed or placed) and app.document.scene.is_animated(path, "position"):
+        dim("It moves over time; a change here holds it still.")
+
+
+def _place_binding(app: Any, path: str, name: str, values: tuple[Any, Any], write: Callable[[Any], None]) -> Binding:
+    noun = path.rsplit("/", 1)[-1]
+
+    def go_back() -> None:
+        app.edit(f"Reset {name} of {noun}", lambda scene: scene.reset_light(path, name))
+
+    return Binding(values[0], write, values[1], go_back, action=f"Set {name} of {noun}")
+
+
+def _draw_direction(app: Any, path: str, shown: _Shown) -> None:
+    up = app.document.description.up_axis
+    now, stage = (placing.angles(values.direction, up) for values in (shown.now, shown.stage))
+    for i, name in enumerate(("elevation", "azimuth")):
+
+        def write(value: float, i: int = i) -> None:
+            turned = placing.direction(*(value if k == i else now[k] for k in range(2)), up)
+            noun = path.rsplit("/", 1)[-1]
+            app.edit(f"Set direction of {noun}", lambda scene: scene.set_light(path, direction=turned))
+
+        binding = _place_binding(app, path, "direction", (now[i], stage[i]), write)
+        widgets.draw(app, PLACE_BY_NAME[name], binding)
+
+
+def _draw_position(app: Any, path: str, shown: _Shown) -> None:
+    now, stage = shown.now.position, shown.stage.position
+    description = app.document.description
+    # A ground plane reaches much further than lights are moved.
+    boxes = [b for volume in description.volumes if (b := description.bounds_of(volume)) is not None]
+    bounds = np.array([np.min(boxes, axis=0)[0], np.max(boxes, axis=0)[1]]) if boxes else description.world_bounds()
+    low, high = placing.reach(bounds, now)
+    for i, axis in enumerate("xyz"):
+
+        def write(value: float, i: int = i) -> None:
+            moved = tuple(value if k == i else now[k] for k in range(3))
+            noun = path.rsplit("/", 1)[-1]
+            app.edit(f"Set position of {noun}", lambda scene: scene.set_light(path, position=moved))
+
+        knob = replace(PLACE_BY_NAME[f"position_{axis}"], low=float(low[i]), high=float(high[i]))
+        widgets.draw(app, knob, _place_binding(app, path, "position", (now[i], stage[i]), write))

@@ -36,6 +36,8 @@ def test_every_value_of_a_medium_has_a_knob():
 
 def test_every_value_of_a_light_has_a_knob_but_those_that_an_artist_does_not_set():
     hidden = {"kind", "focus_tint", "treat_as_point"}
+    # Where a light is has knobs of its own: angles and coordinates.
+    hidden |= {"position", "direction"}
     assert set(LIGHT_BY_NAME) == {f.name for f in fields(LightValues)} - hidden
 
 
