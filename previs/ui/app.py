@@ -101,7 +101,7 @@ class App:
         self._probed: Any = None
         self._watch = FileWatch()
         self._watched: Any = None
-        self._moved = 0.0
+        self._moved = self._held = 0.0
         self._camera_state: Any = None
         self._on_open: Callable[[Document], None] | None = None
         self._export: Path | None = None
@@ -381,7 +381,11 @@ class App:
         if key != self._camera_state:
             self._camera_state, self._moved = key, now
         self.picture.show(Request(key, self._index, camera, self.size, document.settings))
-        moving = self.dragging or self.view.playing or now - self._moved < REST_SECONDS
+        if not self.dragging:
+            self._held = now
+        # What is held but changes nothing, a button or the divider, leaves the picture to its refinement.
+        dragged = self.dragging and self._moved > self._held
+        moving = dragged or self.view.playing or now - self._moved < REST_SECONDS
         self._request_other(document, camera, key)
         return moving
 
@@ -536,6 +540,13 @@ class App:
             self.notify(str(error), "error")
             return False
         self.notify(f"Saved {path}")
+        return True
+
+    def load_overrides(self, path: str | os.PathLike[str]) -> bool:
+        """Put a layer that was saved before in the place of the edits, undoably; returns whether it was done."""
+        if not self.edit(f"Load {Path(path).name}", lambda scene: scene.load_overrides(path)):
+            return False
+        self.notify(f"Loaded {path}")
         return True
 
     def _write_export(self) -> None:

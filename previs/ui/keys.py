@@ -37,8 +37,11 @@ def chords(shortcut: str) -> list[int]:
 
 
 def run_shortcuts(commands: Mapping[str, Command]) -> None:
-    """Run what was pressed, unless text is being typed."""
-    if imgui.get_io().want_text_input:
+    """Run what was pressed, unless text is being typed or something is held by the mouse.
+
+    An undo in the middle of a drag would take away what the drag goes on to change.
+    """
+    if imgui.get_io().want_text_input or (imgui.is_any_item_active() and any(map(imgui.is_mouse_down, range(3)))):
         return
     for command in commands.values():
         for chord in chords(command.shortcut):

@@ -6,17 +6,28 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-from imgui_bundle import imgui
+from imgui_bundle import hello_imgui, imgui
 
 from .theme import tooltip
 
 #: Menus and their commands in order; "" is a line between, "recent" the list of files opened before.
 MENUS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("File", ("open", "recent", "reload", "", "save_overrides", "discard", "", "export_image", "", "quit")),
-    ("Edit", ("undo", "redo", "", "copy_camera")),
+    (
+        "File",
+        (
+            *("open", "recent", "reload", ""),
+            *("save_overrides", "load_overrides", "discard", ""),
+            *("export_image", "", "quit"),
+        ),
+    ),
+    ("Edit", ("undo", "redo", "", "add_sun")),
     (
         "Camera",
-        ("frame_selection", "frame_all", "", "free_camera", "cameras", "", "gate_mask", "", "auto_exposure"),
+        (
+            *("frame_selection", "frame_all", ""),
+            *("free_camera", "cameras", "copy_camera", ""),
+            *("gate_mask", "", "auto_exposure"),
+        ),
     ),
     (
         "Render",
@@ -36,6 +47,7 @@ def draw_menus(app: Any, leave: Callable[[Callable[[], None]], None]) -> None:
     for title, names in MENUS:
         if not imgui.begin_menu(title):
             continue
+        _close_on_escape()
         for name in names:
             if name == "":
                 imgui.separator()
@@ -46,6 +58,30 @@ def draw_menus(app: Any, leave: Callable[[Callable[[], None]], None]) -> None:
             else:
                 _command(app, name)
         imgui.end_menu()
+    if imgui.begin_menu("Window"):
+        _close_on_escape()
+        _windows()
+        imgui.end_menu()
+
+
+def _close_on_escape() -> None:
+    if imgui.is_key_pressed(imgui.Key.escape):
+        imgui.close_current_popup()
+
+
+def _windows() -> None:
+    """The panels, to close and to open again."""
+    docking = hello_imgui.get_runner_params().docking_params
+    for name in (window.label for window in docking.dockable_windows if window.can_be_closed):
+        window = docking.dockable_window_of_name(name)
+        if imgui.menu_item(f"{name}###window_{name}", "", window.is_visible, True)[0]:
+            window.is_visible = not window.is_visible
+    imgui.separator()
+    if imgui.menu_item("Restore the layout###restore_layout", "", False, True)[0]:
+        docking.layout_reset = True
+        for name in (window.label for window in docking.dockable_windows):
+            docking.dockable_window_of_name(name).is_visible = True
+    tooltip("Puts all panels back where they were at first")
 
 
 def _command(app: Any, name: str) -> None:

@@ -49,6 +49,7 @@ def _draw_switch(app: Any) -> None:
     plain = app.document.settings.transmittance == "march"
     values = [6, 14] if now in (6, 14) else sorted([6, now, 14])
     described = {6: "interactive", 14: "high quality"}
+    imgui.separator_text("Coefficients" if not plain else "Coefficients, not needed by the march")
     width, height = imgui.get_content_region_avail().x, em(3.1)
     each = width / len(values)
     paint, rounding = imgui.get_window_draw_list(), imgui.get_style().frame_rounding
@@ -74,8 +75,6 @@ def _draw_switch(app: Any) -> None:
             tooltip(f"{value} coefficients (key {keys}, T toggles)\n{RENDER_BY_NAME[_SWITCHED].doc}")
         if clicked and value != now:
             _set(app, RENDER_BY_NAME[_SWITCHED], value)
-    if plain:
-        dim("The march needs no coefficients.")
 
 
 def _centred(text: str, lo: ImVec2, hi: ImVec2, height: float, color: Any, scale: float) -> None:

@@ -59,7 +59,7 @@ class Runner:
         )
         p.imgui_window_params.show_menu_bar = True
         p.imgui_window_params.show_menu_app = False
-        p.imgui_window_params.show_menu_view = True
+        p.imgui_window_params.show_menu_view = False
         p.imgui_window_params.show_menu_view_themes = False
         p.imgui_window_params.remember_theme = False
         p.imgui_window_params.show_status_bar = True

@@ -106,10 +106,11 @@ def draw_status(app: Any) -> None:
     _draw_bar(picture.times)
     imgui.same_line(0.0, em(0.5))
     total = sum(picture.times.values())
-    _part(duration(total) if picture.times else "–", "Time of the picture shown", first=True)
-    _part(f"ran: {what_ran(picture.executed)}", "What ran again for the last change:\n" + "\n".join(picture.executed))
-    _draw_progress(picture)
     right = _right(app)
+    _part(duration(total) if picture.times else "–", "Time of the picture shown", first=True, room=right)
+    _draw_progress(app, right)
+    ran = "What ran again for the last change:\n" + "\n".join(picture.executed)
+    _part(f"ran: {what_ran(picture.executed)}", ran, room=right)
     if picture.plan is not None:
         memory = sum(p.memory for p in picture.plan.passes)
         lines = "\n".join(f"{p.name}: {byte_count(p.memory)}" for p in picture.plan.passes)
@@ -165,14 +166,22 @@ def _draw_bar(times: Mapping[str, float]) -> None:
     imgui.end_tooltip()
 
 
-def _draw_progress(picture: Any) -> None:
+def _draw_progress(app: Any, room: float) -> None:
+    picture = app.picture
+    if imgui.get_item_rect_max().x + em(8.0) > room:
+        return
     _separator()
     if picture.error:
         imgui.text_colored(ImVec4(*ERROR), "cannot be drawn")
         tooltip(picture.error)
     elif picture.finished:
-        imgui.text_colored(ImVec4(*GOOD), "finished")
-        tooltip("The picture has its full quality.")
+        other = app.other
+        if other is not None and not other.finished and not other.error:
+            imgui.text_unformatted(f"compared: {other.level or 'first picture'}, {100.0 * other.progress:.0f} %")
+            tooltip("The picture has its full quality; the one that it is compared with is still being drawn.")
+        else:
+            imgui.text_colored(ImVec4(*GOOD), "finished")
+            tooltip("The picture has its full quality.")
     else:
         level = picture.level or "first picture"
         imgui.text_unformatted(f"{level}, {100.0 * picture.progress:.0f} %")

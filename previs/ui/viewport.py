@@ -25,7 +25,11 @@ def draw_viewport(app: App) -> None:
     if size.x < 8 or size.y < 8:
         return
     scale = imgui.get_io().display_framebuffer_scale
-    app.size = (max(int(size.x * scale.x), 1), max(int(size.y * scale.y), 1))
+    pixels = (max(int(size.x * scale.x), 1), max(int(size.y * scale.y), 1))
+    if pixels != app.size:
+        app.size = pixels
+        # The window may be about to rest; until its next frame the picture would be stretched.
+        hello_imgui.get_runner_params().fps_idling.enable_idling = False
     corner = imgui.get_cursor_screen_pos()
     canvas = _Canvas(corner, size)
     if app.shown is not None:
@@ -194,31 +198,43 @@ def _draw_inspected(app: App, canvas: _Canvas, camera: Camera) -> None:
 
 def _draw_compare(app: App, canvas: _Canvas) -> None:
     em = hello_imgui.em_size()
-    here, there = comparison_names(app)
+    here, there = (
+        name if picture.finished else f"{name} ({picture.level})"
+        for name, picture in zip(comparison_names(app), (app.picture, app.other), strict=True)
+    )
     if app.view.compare == "wipe":
         x = app.view.divider
         canvas.draw.add_line(canvas.at(x, 0.0), canvas.at(x, 1.0), _color((0, 0, 0, 0.6)), 3.0)
         canvas.draw.add_line(canvas.at(x, 0.0), canvas.at(x, 1.0), _color(_WHITE), 1.0)
         canvas.draw.add_circle_filled(canvas.at(x, 0.5), 0.4 * em, _color(_WHITE))
-        width = imgui.calc_text_size(here).x
-        canvas.text(x, 0.0, here, offset=(-width - 0.6 * em, 0.5 * em))
-        canvas.text(x, 0.0, there, offset=(0.6 * em, 0.5 * em))
+        # Below, since the camera's name is above.
+        widths = [imgui.calc_text_size(name).x + 0.6 * em for name in (here, there)]
+        if widths[0] < x * canvas.width:
+            canvas.text(x, 1.0, here, offset=(-widths[0], -1.6 * em))
+        if widths[1] < (1.0 - x) * canvas.width:
+            canvas.text(x, 1.0, there, offset=(0.6 * em, -1.6 * em))
     else:
         _draw_error_scale(canvas, f"{here} against {there}")
 
 
 def _draw_error_scale(canvas: _Canvas, title: str) -> None:
     em = hello_imgui.em_size()
-    table, marks = error_colormap()[::4], error_scale(Compare().error_range)
-    width, height = min(16.0 * em, 0.6 * canvas.width), 0.8 * em
-    left, top = canvas.x + em, canvas.y + canvas.height - 3.2 * em
-    for i, (r, g, b) in enumerate(table):
-        a, z = left + width * i / len(table), left + width * (i + 1) / len(table)
-        canvas.draw.add_rect_filled(ImVec2(a, top), ImVec2(z + 0.5, top + height), _color((r, g, b, 1.0)))
+    marks = error_scale(Compare().error_range)
+    # Edges on whole pixels: others are smoothed, and show as stripes where rectangles meet.
+    width, height = round(min(16.0 * em, canvas.width - 3.0 * em)), round(0.8 * em)
+    if width < 4.0 * em:
+        return
+    left, top = round(canvas.x + 1.5 * em), round(canvas.y + canvas.height - 3.2 * em)
+    colors = [_color((r, g, b, 1.0)) for r, g, b in error_colormap()[::8]]
+    edges = [left + round(width * i / (len(colors) - 1)) for i in range(len(colors))]
+    for i in range(len(colors) - 1):
+        a, z = ImVec2(edges[i], top), ImVec2(edges[i + 1], top + height)
+        canvas.draw.add_rect_filled_multi_color(a, z, colors[i], colors[i + 1], colors[i + 1], colors[i])
     for position, text in marks:
         size = imgui.calc_text_size(text).x
         x = left + position * width
-        canvas.text(0, 0, text, offset=(x - canvas.x - 0.5 * size, top - canvas.y + height + 0.1 * em))
+        canvas.draw.add_line(ImVec2(x, top + height), ImVec2(x, top + height + 0.2 * em), _color(_WHITE))
+        canvas.text(0, 0, text, offset=(x - canvas.x - 0.5 * size, top - canvas.y + height + 0.2 * em))
     canvas.text(0, 0, f"relative error: {title}", offset=(left - canvas.x, top - canvas.y - 1.4 * em))
 
 
@@ -250,6 +266,11 @@ def _draw_state(app: App, canvas: _Canvas) -> None:
         lines.append((f"solo: {app.view.solo}", _ACCENT))
     if app.view.inspecting:
         lines.append(("click a point to inspect its light", _ACCENT))
+    description = app.document.description
+    if not (description.volumes or description.meshes):
+        lines.append(("nothing to show: this stage has no volume and no mesh", _ACCENT))
+    elif not description.lights and not any(volume.medium.emits for volume in description.volumes.values()):
+        lines.append(("no light shines here: Edit > Add a sun", _ACCENT))
     for i, (text, color) in enumerate(lines):
         canvas.text(0.0, 0.0, text, color, (0.8 * em, 0.5 * em + 1.3 * em * i))
     trouble = app.document.error or app.picture.error or (app.other.error if app.other is not None else "")
