@@ -29,6 +29,38 @@ FIELD_COMPONENTS = {"density": 1, "temperature": 1, "emission": 4}
 AVERAGED = ("color", "alpha", "transmittance", "volume", "emission")
 
 
+def sample_shifts(count: int) -> list[tuple[float, float]]:
+    """Where the samples of a pixel lie off its centre, in pixels: a grid of `count` by `count`."""
+    places = [(i + 0.5) / count - 0.5 for i in range(count)]
+    return [(x, y) for y in places for x in places]
+
+
+class Samples:
+    """The planes of a picture of several samples per pixel."""
+
+    def __init__(self) -> None:
+        self._total: dict[str, np.ndarray] = {}
+        self._count = 0
+
+    def add(self, planes: Mapping[str, np.ndarray]) -> None:
+        """Take in one sample of every pixel."""
+        self._count += 1
+        if self._count == 1:
+            self._total = dict(planes)
+            return
+        for name, plane in planes.items():
+            if name == "depth":
+                self._total[name] = np.minimum(self._total[name], plane)
+            elif name in AVERAGED:
+                self._total[name] = self._total[name] + plane
+
+    def planes(self) -> dict[str, np.ndarray]:
+        """The planes of all samples together."""
+        if self._count == 1:
+            return dict(self._total)
+        return {name: plane / self._count if name in AVERAGED else plane for name, plane in self._total.items()}
+
+
 class Renderer:
     """Renders scenes in one OpenGL context and keeps what the next frame can use again.
 
@@ -79,9 +111,17 @@ class Renderer:
     def __exit__(self, *_: object) -> None:
         self.release()
 
-    def plan(self, index: RenderIndex, camera: Camera, width: int, height: int, settings: Settings) -> Plan:
-        """The plan of a frame on this device; see `make_plan`."""
-        return make_plan(index, camera, width, height, settings, limits=self.limits, atlases=self._atlases)
+    def plan(
+        self,
+        index: RenderIndex,
+        camera: Camera,
+        width: int,
+        height: int,
+        settings: Settings,
+        shift: tuple[float, float] = (0.0, 0.0),
+    ) -> Plan:
+        """The plan of a frame on this device, of one sample per pixel; see `make_plan`, and `sample_shifts`."""
+        return make_plan(index, camera, width, height, settings, shift, self.limits, self._atlases)
 
     def render(
         self,
@@ -116,34 +156,23 @@ class Renderer:
         started = time.perf_counter()
         times: dict[str, float] = {}
         executed: list[str] = []
-        count = settings.antialias
-        shifts = [((i + 0.5) / count - 0.5, (j + 0.5) / count - 0.5) for j in range(count) for i in range(count)]
-        total: dict[str, np.ndarray] = {}
+        shifts = sample_shifts(settings.antialias)
+        samples = Samples()
         for number, shift in enumerate(shifts):
 
             def report(fraction: float, number: int = number) -> None:
                 if progress is not None:
                     progress((number + fraction) / len(shifts))
 
-            plan = make_plan(index, camera, width, height, settings, shift, self.limits, self._atlases)
+            plan = self.plan(index, camera, width, height, settings, shift)
             try:
                 self.draw(plan, report, times)
             finally:
                 executed += self.executed
                 self.executed = list(executed)
-            planes = self._read(plan)
-            if not total:
-                total = planes
-            else:
-                for name, plane in planes.items():
-                    if name == "depth":
-                        total[name] = np.minimum(total[name], plane)
-                    elif name in AVERAGED:
-                        total[name] = total[name] + plane
-        if len(shifts) > 1:
-            total = {name: plane / len(shifts) if name in AVERAGED else plane for name, plane in total.items()}
+            samples.add(self._read(plan))
         report(1.0)
-        return self._image(plan, total, times, time.perf_counter() - started, (*index.notes, *plan.notes))
+        return self._image(plan, samples.planes(), times, time.perf_counter() - started, (*index.notes, *plan.notes))
 
     def draw(
         self,
@@ -315,15 +344,14 @@ class Renderer:
             raise PrevisError(f"{name}: not drawn yet")
         return self._frame.targets[name].color_attachments[0]
 
-    def image(self, plan: Plan, times: Mapping[str, float] | None = None) -> Image:
-        """Read back what was drawn for a plan.
+    def planes(self, plan: Plan) -> dict[str, np.ndarray]:
+        """Read back what was drawn for a plan: one sample, for `Samples`.
 
         Args:
             plan: the plan that was drawn last, to its end.
-            times: seconds per pass name, for `stats`.
 
         Returns:
-            As for `render`, for one sample per pixel; the notes in its `stats` are the plan's alone.
+            Colour (H, W, 3), alpha and depth (H, W) and the other planes of an `Image` by name, rows from the top.
 
         Raises:
             PrevisError: when the plan is not what was drawn.
@@ -331,8 +359,25 @@ class Renderer:
         # What the plan was drawn from may have moved on since; what was drawn is still there.
         if plan is not self._finished and (stale := self.stale(plan)):
             raise PrevisError(f"{stale[0]}: not drawn yet")
+        return self._read(plan)
+
+    def image(self, plan: Plan, times: Mapping[str, float] | None = None, samples: Samples | None = None) -> Image:
+        """The picture that was drawn for a plan.
+
+        Args:
+            plan: the plan that was drawn last, to its end.
+            times: seconds per pass name, for `stats`.
+            samples: the planes of all samples, where there are more than that of the plan.
+
+        Returns:
+            As for `render`; the notes in its `stats` are the plan's alone.
+
+        Raises:
+            PrevisError: when the plan is not what was drawn, and no samples are given.
+        """
         times = dict(times or {})
-        return self._image(plan, self._read(plan), times, sum(times.values()), plan.notes)
+        planes = samples.planes() if samples is not None else self.planes(plan)
+        return self._image(plan, planes, times, sum(times.values()), plan.notes)
 
     def _image(
         self, plan: Plan, planes: dict[str, np.ndarray], times: dict[str, float], seconds: float, notes: Iterable[Note]

@@ -7,7 +7,8 @@ is always a whole picture: the last one that was finished, kept in a texture of 
 from __future__ import annotations
 
 import time
-from collections.abc import Hashable, Iterator
+from collections.abc import Generator, Hashable
+from contextlib import closing
 from dataclasses import dataclass
 
 import moderngl
@@ -18,7 +19,7 @@ from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
 from ..render.plan import Plan
-from ..render.renderer import Renderer
+from ..render.renderer import Renderer, Samples, sample_shifts
 from ..settings import Settings
 from .refinement import Level, LevelName, Pace
 
@@ -45,11 +46,13 @@ class _Drawing:
     level: Level
     renderer: Renderer
     plan: Plan
-    pieces: Iterator[float]
+    pieces: Generator[float, None, None]
     times: dict[str, float]
     arrived: float
     #: Whether it is the first picture of its request.
     first: bool
+    #: The planes of all samples, where there are several per pixel.
+    samples: Samples | None = None
     seconds: float = 0.0
 
 
@@ -90,6 +93,7 @@ class Picture:
         self._shown: tuple[Request, Level] | None = None
         self._failed: Hashable = None
         self._drawing: _Drawing | None = None
+        self._samples: Samples | None = None
         self._copy: moderngl.Framebuffer | None = None
 
     @property
@@ -181,6 +185,9 @@ class Picture:
             return False
         pieces = renderer.drawing(plan, PIECE_SECONDS, times)
         self._drawing = _Drawing(request, level, renderer, plan, pieces, times, self._arrived, first)
+        if level.settings.antialias > 1:
+            self._drawing.samples = Samples()
+            self._drawing.pieces = _sampled(self._drawing, self._drawing.samples)
         self.progress = 0.0
         return True
 
@@ -206,11 +213,12 @@ class Picture:
         drawing.seconds += time.perf_counter() - begin
         # Pictures that reuse most of their passes say nothing of the pace.
         if any(name == "march" for name in drawing.renderer.executed):
-            self.pace.measured(drawing.level, drawing.plan.width * drawing.plan.height, drawing.seconds)
+            samples = drawing.level.settings.antialias**2
+            self.pace.measured(drawing.level, drawing.plan.width * drawing.plan.height * samples, drawing.seconds)
         if drawing.first:
             self.executed = tuple(drawing.renderer.executed)
             self.latency = time.perf_counter() - drawing.arrived
-        self._shown = drawing.request, drawing.level
+        self._shown, self._samples = (drawing.request, drawing.level), drawing.samples
         self.level, self.times, self.plan = drawing.level.name, drawing.times, drawing.plan
         self.progress = 1.0
         self.serial += 1
@@ -230,6 +238,11 @@ class Picture:
                 held = self.context.texture(texture.size, 4, dtype="f4")
                 held.repeat_x = held.repeat_y = False
                 self._copy = self.context.framebuffer([held])
+            if drawing.samples is not None:
+                planes = drawing.samples.planes()
+                rows = np.concatenate([planes["color"], planes["alpha"][..., None]], axis=-1, dtype=np.float32)[::-1]
+                self._copy.color_attachments[0].write(np.ascontiguousarray(rows))
+                return
             source = self.context.framebuffer([texture])
             self.context.copy_framebuffer(self._copy, source)
             source.release()
@@ -263,12 +276,12 @@ class Picture:
         """The finished picture with all its planes, read back; None while it is not finished."""
         if not self.finished or self.plan is None:
             return None
-        return self._final.image(self.plan, self.times)
+        return self._final.image(self.plan, self.times, self._samples)
 
     def forget(self) -> None:
         """Let go of the scene: nothing is shown until the next request."""
         self._drop()
-        self._wanted = self._shown = self._failed = None
+        self._wanted = self._shown = self._failed = self._samples = None
         self.level, self.plan, self.error = "", None, ""
         for renderer in (self._final, self._draft):
             renderer.forget_scene()
@@ -289,3 +302,16 @@ class Picture:
             self._free_copy()
         self._final.release()
         self._draft.release()
+
+
+def _sampled(drawing: _Drawing, samples: Samples) -> Generator[float, None, None]:
+    """Draw all samples of a picture, a piece at a time; yields the done part, in [0, 1]."""
+    request, level, renderer = drawing.request, drawing.level, drawing.renderer
+    shifts = sample_shifts(level.settings.antialias)
+    width, height = level.size(*request.size)
+    for number, shift in enumerate(shifts):
+        drawing.plan = renderer.plan(request.index, request.camera, width, height, level.settings, shift)
+        with closing(renderer.drawing(drawing.plan, PIECE_SECONDS, drawing.times)) as pieces:
+            for fraction in pieces:
+                yield (number + fraction) / len(shifts)
+        samples.add(renderer.planes(drawing.plan))

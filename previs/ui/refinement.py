@@ -35,7 +35,10 @@ FINAL_TO_DRAFT = 4.0
 
 @dataclass(frozen=True)
 class Level:
-    """One step of the ladder: `divisor` pixels of the view along each side of a pixel drawn."""
+    """One step of the ladder: `divisor` pixels of the view along each side of a pixel drawn.
+
+    The settings' `antialias` is 1 but in a final level.
+    """
 
     name: LevelName
     divisor: int
@@ -47,7 +50,7 @@ class Level:
 
 
 class Pace:
-    """Seconds per pixel of every level as measured lately, to choose how small a draft must be.
+    """Seconds per sample of a pixel of every level as measured lately, to choose how small a draft must be.
 
     Args:
         software: whether the processor draws.
@@ -59,7 +62,7 @@ class Pace:
         self._divisor = 0
 
     def measured(self, level: Level, pixels: int, seconds: float) -> None:
-        """Take in how long a whole picture of a level took."""
+        """Take in how long a whole picture of a level took, which has so many pixels times samples."""
         rate = seconds / max(pixels, 1)
         self._seconds[level.name] += 0.5 * (rate - self._seconds[level.name])
 
@@ -70,7 +73,8 @@ class Pace:
     def first(self, width: int, height: int, settings: Settings) -> Level:
         """The level to draw at once."""
         if self.seconds("final", width * height) <= AT_ONCE_SECONDS:
-            return final(settings)
+            # More samples per pixel are for a picture at rest.
+            return final(settings) if settings.antialias == 1 else Level("medium", 1, settings.replace(antialias=1))
         whole = self.seconds("draft", width * height)
         kept = whole / max(self._divisor, 1) ** 2 / DRAFT_SECONDS
         if not self._divisor or not STEADY[0] <= kept <= STEADY[1]:
@@ -81,7 +85,7 @@ class Pace:
         """The level after one that was reached; None after the last."""
         if reached == "final":
             return None
-        slow = self.seconds("final", width * height) > NO_MEDIUM_SECONDS
+        slow = self.seconds("final", width * height * settings.antialias**2) > NO_MEDIUM_SECONDS
         if reached == "draft" and slow and settings.transmittance != "march" and _many_steps(settings):
             return Level("medium", 1, settings.replace(steps=MEDIUM_STEPS, antialias=1))
         return final(settings)
@@ -89,7 +93,7 @@ class Pace:
 
 def final(settings: Settings) -> Level:
     """The last level: what the settings ask for."""
-    return Level("final", 1, settings.replace(antialias=1))
+    return Level("final", 1, settings)
 
 
 def draft_settings(settings: Settings) -> Settings:

@@ -142,6 +142,40 @@ def test_no_time_at_all_still_gets_somewhere(picture: Picture) -> None:
     assert settle(picture, limit=2000)[-1] == "final"
 
 
+@pytest.mark.parametrize("speed", [slow, fast])
+def test_a_picture_at_rest_takes_the_samples_that_are_asked_for(picture: Picture, speed) -> None:
+    """Of a first picture too, which comes sooner; the mean is that of a record, plane by plane."""
+    speed(picture)
+    knobs = KNOBS.replace(antialias=2)
+    picture.show(request(settings=knobs))
+    assert settle(picture, moving=True) == (["draft"] if speed is slow else ["medium"])
+    assert settle(picture)[-1] == "final"
+    with previs.Renderer() as alone:
+        wanted = alone.render(SCENE, VIEW, SIZE, knobs)
+    found = picture.image()
+    np.testing.assert_array_equal(found.color, wanted.color)
+    np.testing.assert_array_equal(picture.read(), wanted.color)
+    np.testing.assert_array_equal(found.depth, wanted.depth)
+    assert set(found.aovs) == set(wanted.aovs)
+    for name, plane in wanted.aovs.items():
+        np.testing.assert_array_equal(found.aovs[name], plane, err_msg=name)
+    picture.show(request())
+    settle(picture)
+    np.testing.assert_array_equal(picture.image().color, drawn(SCENE))
+
+
+def test_samples_can_be_dropped_in_the_middle(picture: Picture) -> None:
+    picture.show(request(settings=KNOBS.replace(antialias=4)))
+    settle(picture, moving=True)
+    while picture.level != "medium" or picture.progress < 0.5:
+        picture.work(0.0, False)
+    assert not picture.work(0.0, True)
+    assert picture._drawing is None
+    picture.show(request(OTHER_SCENE))
+    settle(picture)
+    np.testing.assert_array_equal(picture.read(), drawn(OTHER_SCENE))
+
+
 # --- requests -----------------------------------------------------------------------------------------------------
 
 

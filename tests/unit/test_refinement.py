@@ -56,8 +56,21 @@ def test_levels_follow_one_another_to_the_settings_asked_for():
     third = pace.next(second.name, *SIZE, settings)
     assert [first.name, second.name, third.name] == ["draft", "medium", "final"]
     assert second.settings.steps < 256 and second.divisor == 1
-    assert third.settings == settings.replace(antialias=1)
+    assert third.settings == settings
+    assert first.settings.antialias == second.settings.antialias == 1
     assert pace.next("final", *SIZE, settings) is None
+
+
+def test_samples_are_for_a_picture_at_rest():
+    pace = paced(0.001)
+    assert pace.first(*SIZE, Settings()) == final(Settings())
+    many = Settings(antialias=3)
+    first = pace.first(*SIZE, many)
+    assert (first.name, first.divisor, first.settings) == ("medium", 1, Settings())
+    assert pace.next("medium", *SIZE, many) == final(many)
+    # They count for how long the last picture takes, and so for whether one is wanted before it.
+    assert paced(0.05, 0.1).next("draft", *SIZE, Settings()).name == "final"
+    assert paced(0.05, 0.1).next("draft", *SIZE, many).name == "medium"
 
 
 def test_a_quick_or_coarse_final_picture_needs_no_medium_one():
