@@ -34,6 +34,7 @@ def draw_viewport(app: App) -> None:
     canvas = _Canvas(corner, size)
     if app.shown is not None:
         imgui.image(imgui.ImTextureRef(app.shown.glo), size, (0, 1), (1, 0))
+    lines = 0
     if app.document is None:
         _draw_welcome(app, canvas)
     else:
@@ -46,9 +47,9 @@ def draw_viewport(app: App) -> None:
         if app.view.compare != "off" and app.other is not None:
             _draw_compare(app, canvas)
         _take_mouse(app, canvas)
-        _draw_state(app, canvas)
+        lines = _draw_state(app, canvas)
     _draw_loading(app, canvas)
-    _draw_messages(app, canvas)
+    _draw_messages(app, canvas, lines)
 
 
 class _Canvas:
@@ -255,8 +256,11 @@ def comparison_names(app: App) -> tuple[str, str]:
     return name(settings), name(other)
 
 
-def _draw_state(app: App, canvas: _Canvas) -> None:
-    """What is not obvious: the camera looked through, a light that is alone, a picture that cannot be drawn."""
+def _draw_state(app: App, canvas: _Canvas) -> int:
+    """What is not obvious: the camera looked through, a light that is alone, a picture that cannot be drawn.
+
+    Returns the number of lines at the top.
+    """
     assert app.document is not None
     em = hello_imgui.em_size()
     lines = []
@@ -276,6 +280,7 @@ def _draw_state(app: App, canvas: _Canvas) -> None:
     trouble = app.document.error or app.picture.error or (app.other.error if app.other is not None else "")
     if trouble:
         _banner(canvas, 1.0, trouble, _ERROR, bottom=True)
+    return len(lines)
 
 
 def _banner(canvas: _Canvas, row: float, text: str, color, bottom: bool = False) -> float:
@@ -300,10 +305,11 @@ def _banner(canvas: _Canvas, row: float, text: str, color, bottom: bool = False)
     return height
 
 
-def _draw_messages(app: App, canvas: _Canvas) -> None:
+def _draw_messages(app: App, canvas: _Canvas, lines: int) -> None:
+    """What was notified lately, under so many lines of text."""
     colors = {"error": _ERROR, "warning": (0.65, 0.45, 0.1, 0.92), "info": (0.16, 0.16, 0.17, 0.9)}
     em = hello_imgui.em_size()
-    row = 2.2 * em
+    row = (0.9 + 1.3 * max(lines, 1)) * em
     for message in app.messages[-4:]:
         row += _banner(canvas, row, message.text, colors[message.kind]) + 0.3 * em
 
