@@ -274,7 +274,8 @@ class Picture:
 
     def image(self) -> Image | None:
         """The finished picture with all its planes, read back; None while it is not finished."""
-        if not self.finished or self.plan is None:
+        # A drawing under way may have taken the place of its planes.
+        if not self.finished or self.plan is None or self._drawing is not None:
             return None
         return self._final.image(self.plan, self.times, self._samples)
 

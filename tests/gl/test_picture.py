@@ -237,6 +237,7 @@ def test_a_request_taken_back_leaves_the_finished_picture_readable(picture: Pict
     picture._start()
     picture._piece(picture._drawing)
     picture.show(one)
+    assert picture.image() is None
     settle(picture)
     assert picture.finished
     np.testing.assert_array_equal(picture.image().color, drawn(SCENE))
