@@ -19,6 +19,12 @@ class TimeRange:
     end: float
     frames_per_second: float
 
+    def after(self, time: float, frames: int) -> float:
+        """The time code so many frames after another, before it where negative: whole ones from the start, round the
+        range."""
+        count = max(round(self.end - self.start) + 1, 1)
+        return self.start + (round(time - self.start) + frames) % count
+
 
 def time_range(stage: Usd.Stage) -> TimeRange | None:
     """The authored range where it is finite, else that of the time samples; None for a stage that nothing animates."""

@@ -94,8 +94,7 @@ class Playback:
     def _after(self, time: float, steps: int) -> float:
         span = self._document.time_range
         assert span is not None
-        count = max(round(span.end - span.start) + 1, 1)
-        return span.start + (round(time - span.start) + steps) % count
+        return span.after(time, steps)
 
     def _upcoming(self) -> Iterator[float]:
         for steps in range(1, AHEAD + 1):

@@ -22,6 +22,17 @@ def Material "M" {
 }
 """
 
+#: A volume with the field density of smoke.vdb beside the stage, and a light that changes.
+SMOKE_AND_LAMP = """
+def Volume "V" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    rel material:binding = </M>
+    rel field:density = </V/f>
+    def OpenVDBAsset "f" { asset filePath = @./smoke.vdb@
+        token fieldName = "density" }
+}
+def SphereLight "L" { float inputs:intensity.timeSamples = { 1: 1, 5: 5 } }
+"""
+
 QUAD = """
         int[] faceVertexCounts = [4]
         int[] faceVertexIndices = [0, 1, 2, 3]

@@ -3,29 +3,19 @@
 import numpy as np
 import pytest
 from pxr import Sdf
-from stages import PREVIS_VOLUME, usda, write_field
+from stages import PREVIS_VOLUME, SMOKE_AND_LAMP, usda, write_field
 
 from previs import vdb
 from previs.errors import PrevisError
 from previs.scene import Scene
 from previs.ui.document import HISTORY_LIMIT, Document
 
-STAGE = """
-def Volume "V" (prepend apiSchemas = ["MaterialBindingAPI"]) {
-    rel material:binding = </M>
-    rel field:density = </V/f>
-    def OpenVDBAsset "f" { asset filePath = @./smoke.vdb@
-        token fieldName = "density" }
-}
-def SphereLight "L" { float inputs:intensity.timeSamples = { 1: 1, 5: 5 } }
-"""
-
 
 @pytest.fixture
 def shot(tmp_path):
     write_field(tmp_path / "smoke.vdb")
     path = tmp_path / "shot.usda"
-    path.write_text(usda(STAGE) + PREVIS_VOLUME % "")
+    path.write_text(usda(SMOKE_AND_LAMP) + PREVIS_VOLUME % "")
     return path
 
 
@@ -389,7 +379,8 @@ def test_a_frame_that_is_missing(tmp_path) -> None:
     path = tmp_path / "anim.usda"
     samples = "{ 1: @./s.1.vdb@, 2: @./s.2.vdb@, 3: @./s.3.vdb@ }"
     path.write_text(
-        usda(STAGE).replace("filePath = @./smoke.vdb@", f"filePath.timeSamples = {samples}") + PREVIS_VOLUME % ""
+        usda(SMOKE_AND_LAMP).replace("filePath = @./smoke.vdb@", f"filePath.timeSamples = {samples}")
+        + PREVIS_VOLUME % ""
     )
     document = Document(Scene.open(path), path)
     first = document.description

@@ -3,29 +3,19 @@
 import threading
 
 import pytest
-from stages import PREVIS_VOLUME, usda, write_field
+from stages import PREVIS_VOLUME, SMOKE_AND_LAMP, usda, write_field
 
 from previs.errors import PrevisError
 from previs.scene import Scene
 from previs.ui.document import Document
 from previs.ui.loading import Loading
 
-STAGE = """
-def Volume "V" (prepend apiSchemas = ["MaterialBindingAPI"]) {
-    rel material:binding = </M>
-    rel field:density = </V/f>
-    def OpenVDBAsset "f" { asset filePath = @./smoke.vdb@
-        token fieldName = "density" }
-}
-def SphereLight "L" { float inputs:intensity.timeSamples = { 1: 1, 5: 5 } }
-"""
-
 
 @pytest.fixture
 def shot(tmp_path):
     write_field(tmp_path / "smoke.vdb")
     path = tmp_path / "shot.usda"
-    path.write_text(usda(STAGE) + PREVIS_VOLUME % "")
+    path.write_text(usda(SMOKE_AND_LAMP) + PREVIS_VOLUME % "")
     return path
 
 

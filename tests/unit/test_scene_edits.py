@@ -8,7 +8,7 @@ from stages import PREVIS_VOLUME, usda, write_field
 from previs.description import Medium
 from previs.errors import PrevisError
 from previs.index import RenderIndex
-from previs.scene import Scene
+from previs.scene import Scene, TimeRange
 from previs.settings import Settings
 
 SHOT = """
@@ -814,3 +814,11 @@ def test_a_range_of_time_that_no_clock_can_go_by(tmp_path, metadata, expected):
     with Scene.open(path) as scene:
         covered = scene.time_range
         assert (covered.start, covered.end, covered.frames_per_second) == expected
+
+
+def test_frames_go_round_the_range():
+    span = TimeRange(1.0, 4.0, 24.0)
+    assert [span.after(t, 1) for t in (1.0, 3.0, 4.0, 2.4)] == [2.0, 4.0, 1.0, 3.0]
+    assert [span.after(t, -1) for t in (1.0, 3.0)] == [4.0, 2.0]
+    assert span.after(3.0, 10) == 1.0
+    assert TimeRange(0.25, 0.5, 24.0).after(0.5, 3) == 0.25
