@@ -6,10 +6,11 @@ trilinear filter of the texture unit gives the field as it is defined and nothin
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from collections import OrderedDict
-from collections.abc import Hashable
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -120,7 +121,8 @@ def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, 
 
 @dataclass(eq=False)
 class _Stored:
-    ready: threading.Event = field(default_factory=threading.Event)
+    field: Hashable
+    ready: threading.Event = dataclasses.field(default_factory=threading.Event)
     packed: PackedField | None = None
 
 
@@ -147,7 +149,7 @@ class PackedStore:
             if held is not None:
                 self._stored.move_to_end(key)
                 return
-            held = self._stored[key] = _Stored()
+            held = self._stored[key] = _Stored(f.key)
         try:
             held.packed = pack(f, memory, texture_limit, components)
         except BaseException:
@@ -181,6 +183,13 @@ class PackedStore:
                 break
             total -= sizes[key]
             del self._stored[key]
+
+    def keep(self, fields: Iterable[Field]) -> None:
+        """Drop what was packed of other fields."""
+        kept = {f.key for f in fields}
+        with self._lock:
+            for key in [key for key, s in self._stored.items() if s.packed is not None and s.field not in kept]:
+                del self._stored[key]
 
     def clear(self) -> None:
         """Drop all fields."""

@@ -405,7 +405,7 @@ class Renderer:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Pack the voxels of a scene for the GPU, without OpenGL and from any thread; later draws, also of renderers
-        that share with this one, find them and only upload.
+        that share with this one, find them and only upload. What was packed of other scenes is dropped.
 
         Args:
             description: the scene at one time.
@@ -425,6 +425,7 @@ class Renderer:
             if progress is not None:
                 progress(sum(sizes[:number]) / sum(sizes))
             self._pack(f, settings, components)
+        self._frame.shared.packed.keep(f for f, _ in wanted)
         if progress is not None:
             progress(1.0)
 

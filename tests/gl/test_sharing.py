@@ -253,6 +253,21 @@ def test_the_store_keeps_to_its_memory() -> None:
     assert tiny.take(blocks[0], 2**20, 512, 1) is tiny.take(blocks[0], 2**20, 512, 1)
 
 
+def test_what_other_scenes_packed_goes_with_the_next_scene() -> None:
+    """One stage after the other may be opened, and none is left in memory."""
+    with previs.Renderer() as renderer:
+        stored = renderer._frame.shared.packed._stored
+        renderer.prepare(SCENES[0], QUICK)
+        before = len(stored)
+        renderer.prepare_field(field(NOISE + 1.0), QUICK, "density")
+        assert len(stored) == before + 1
+        renderer.prepare(SCENES[1], QUICK)
+        assert {s.field for s in stored.values()} == {CLOUD.density.key}
+        assert_equal(renderer.render(index_of(SCENES[0]), VIEW, SIZE, QUICK), alone(SCENES[0]))
+        renderer.prepare(scene(), QUICK)
+        assert not stored
+
+
 def test_one_renderer_after_another_in_a_context_of_the_caller() -> None:
     """The framebuffer that a released renderer leaves bound is gone, and moderngl must not bind it again."""
     context = create_context()
