@@ -280,7 +280,7 @@ def _draw_words(probe: TransmittanceProbe, channel: Channel) -> None:
         there = float(np.interp(probe.picked, probe.distance, line))
         imgui.text_colored(ImVec4(*CURVES[1 + i % 4]), f"{short_name(curve)}:")
         imgui.same_line(0.0, em(0.3))
-        imgui.text_unformatted(f"RMS {number(rms, 4)}, {verdict(rms)}")
+        imgui.text_unformatted(f"RMS {rms:.2g}, {verdict(rms)}")
         tooltip(
             f"{curve.name}\nOff by {number(rms, 5)} along the ray (RMS), by {number(there - value, 5)} at the point."
             "\nWaves about the true curve are ringing: more coefficients or a larger threshold calm them."

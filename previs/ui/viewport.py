@@ -269,7 +269,7 @@ def _draw_state(app: App, canvas: _Canvas) -> int:
     if app.view.solo:
         lines.append((f"solo: {app.view.solo}", _ACCENT))
     if app.view.inspecting:
-        lines.append(("click a point to inspect its light", _ACCENT))
+        lines.append(("click a point to inspect its light; I to end", _ACCENT))
     description = app.document.description
     if not (description.volumes or description.meshes):
         lines.append(("nothing to show: this stage has no volume and no mesh", _ACCENT))

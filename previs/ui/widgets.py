@@ -92,6 +92,7 @@ class _Interaction:
     frames_typing: int = 0
     gesture: str = ""
     quiet: str = ""
+    clipboard: str = ""
     chroma: dict[str, Color] = field(default_factory=dict)
 
 
@@ -226,7 +227,10 @@ def _menu(knob: Knob, binding: Binding, popup: str) -> None:
     if imgui.menu_item("Copy###copy", "", False)[0]:
         imgui.set_clipboard_text(_as_text(knob, binding.value))
     if knob.kind in ("float", "int", "color"):
-        pasted = knob.parse(imgui.get_clipboard_text() or "")
+        if imgui.is_window_appearing():
+            # Asking in every frame is slow, and GLFW complains each time when there is no text.
+            _now.clipboard = imgui.get_clipboard_text() or ""
+        pasted = knob.parse(_now.clipboard)
         label = f"Paste {knob.format(pasted)}###paste" if pasted is not None else "Paste###paste"
         if imgui.menu_item(label, "", False, pasted is not None)[0]:
             binding.write(pasted)
