@@ -7,6 +7,7 @@ panels are given the app and read and change it through its methods.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
@@ -45,6 +46,10 @@ REST_SECONDS = 0.12
 #: Seconds that a frame of the window may spend on refining the picture: with the window's own drawing it stays above
 #: 30 frames a second.
 WORK_SECONDS = 0.016
+#: The same once nobody has touched anything for `HANDS_OFF_SECONDS`: nobody waits for the window then, only for the
+#: picture. The first movement of the mouse is answered after one such frame at the latest.
+HANDS_OFF_WORK_SECONDS = 0.05
+HANDS_OFF_SECONDS = 0.6
 #: How long messages stay, in seconds.
 MESSAGE_SECONDS = {"info": 4.0, "warning": 8.0, "error": 12.0}
 
@@ -89,6 +94,8 @@ class App:
         self.playback: Playback | None = None
         #: Size of the view in pixels, set by the viewport in every frame.
         self.size = (640, 360)
+        #: When the mouse or the keyboard was last used, a time of `time.monotonic`, set by the window.
+        self.touched = 0.0
         #: Whether the user is dragging something just now, set by the window.
         self.dragging = False
         #: What the picture is shown with at the present frame; None before the first picture.
@@ -104,6 +111,9 @@ class App:
         self._moved = self._held = 0.0
         self._camera_state: Any = None
         self._on_open: Callable[[Document], None] | None = None
+        #: Keyword arguments of `open` for the stage being opened, and for the one that is.
+        self._options: dict[str, Any] = {}
+        self._opened_with: dict[str, Any] = {}
         self._export: Path | None = None
         self._said: set[str] = set()
         self._warn_once(preferences.problem)
@@ -136,7 +146,7 @@ class App:
         """
         if self.loading is not None:
             self.loading.cancel()
-        self._on_open = then
+        self._on_open, self._options = then, options
         self.loading = Loading(path, packer(self.picture.renderer), **options)
 
     def close_document(self) -> None:
@@ -149,6 +159,7 @@ class App:
         if self.document is not None:
             self.document.close()
         self.document, self.orbit, self.probe, self.shown = None, None, None, None
+        self._export = None
         self._indexed = self._other_indexed = self._displayed = self._probed = self._watched = None
         self._index, self._other_index = RenderIndex(), RenderIndex()
 
@@ -164,6 +175,7 @@ class App:
             return
         self.close_document()
         document = self.document = loading.document
+        self._opened_with = self._options
         if loading.error:
             self.notify(loading.error, "error")
         kept = self.view
@@ -182,9 +194,9 @@ class App:
         selection = next(iter(document.description.volumes), "")
         self.view.selection = selection
         self.preferences.add_recent(document.path)
-        if self._on_open is not None:
-            self._on_open(document)
-            self._on_open = None
+        then, self._on_open = self._on_open, None
+        if then is not None:
+            then(document)
 
     # --- edits ----------------------------------------------------------------------------------------------------
 
@@ -212,6 +224,33 @@ class App:
     def set_setting(self, name: str, value: Any) -> bool:
         """Set a render knob, undoably."""
         return self.edit(f"Set {name.replace('_', ' ')}", lambda scene: scene.set_setting(name, value))
+
+    def recover(self, state: RecoveryState, then: Callable[[], None]) -> None:
+        """Open the stage of a session that ended badly, put its edits back, undoably, and look where it looked.
+
+        Args:
+            state: what was kept of it.
+            then: called once the edits are back and kept by this session's own recovery file.
+        """
+
+        def put_back(document: Document) -> None:
+            if not self.restore_edits(state.snapshot):
+                return
+            view = state.view
+            self.view.selection = str(view.get("selection", ""))
+            if document.animated and isinstance(view.get("time"), int | float):
+                document.set_time(float(view["time"]))
+            if isinstance(view.get("exposure"), int | float):
+                self.view.exposure, self.view.auto_exposure = float(view["exposure"]), False
+            if self.orbit is not None and "orbit" in view:
+                with contextlib.suppress(ValueError):
+                    self.orbit = self.orbit.restored(view["orbit"])
+            self.save_for_recovery()
+            then()
+            self.notify("The edits are back; save them to keep them")
+
+        options = state.view.get("options", {})
+        self.open(state.stage, put_back, **(options if isinstance(options, dict) else {}))
 
     def restore_edits(self, snapshot: str) -> bool:
         """Put edits from another session in the place of the present ones, undoably; returns whether it was done."""
@@ -342,7 +381,8 @@ class App:
                 self.internal_errors.append(text)
                 print(text, file=sys.stderr)
             self.notify(f"previs made an error, details are in the terminal: {type(error).__name__}: {error}", "error")
-            self.picture.give_up()
+            if self.view.compare == "off":
+                self.picture.give_up()
             self.view.inspection, self.view.compare = None, "off"
 
     def _tick(self) -> None:
@@ -358,15 +398,26 @@ class App:
         if camera is None:
             return
         moving = self._request_pictures(document, camera, now)
-        if self.picture.work(WORK_SECONDS, moving) or self.picture.serial == 0:
+        hands_off = now - max(self.touched, self._moved) > HANDS_OFF_SECONDS
+        seconds = HANDS_OFF_WORK_SECONDS if hands_off else WORK_SECONDS
+        if self.picture.work(seconds, moving) or self.picture.serial == 0:
             self._first_look()
         if self.other is not None and not self.picture.pending(moving):
-            self.other.work(WORK_SECONDS, moving)
+            self._work_on_other(self.other, seconds, moving)
         self._inspect(document)
         self._show()
         self._write_export()
         if self.recovery.tick(self._recovery_state, now) or self.recovery.problem:
             self._warn_once(self.recovery.problem)
+
+    def _work_on_other(self, other: Picture, seconds: float, moving: bool) -> None:
+        try:
+            other.work(seconds, moving)
+        except Exception:
+            # The picture itself has nothing to do with it.
+            other.give_up()
+            self.view.compare = "off"
+            raise
 
     def _request_pictures(self, document: Document, camera: Camera, now: float) -> bool:
         """Ask for the pictures that the view wants; returns whether something moves."""
@@ -494,9 +545,7 @@ class App:
         document = self.document
         if document is None or document.time_range is None:
             return
-        span = document.time_range
-        count = max(round(span.end - span.start) + 1, 1)
-        document.set_time(span.start + (round(document.time - span.start) + frames) % count)
+        document.set_time(document.time_range.after(document.time, frames))
 
     @property
     def prefetched(self) -> frozenset[float]:
@@ -516,7 +565,7 @@ class App:
             if self.picture.finished:
                 self.playback.prefetch()
             return
-        if not self.picture.current:
+        if not (self.picture.current or self.picture.error):
             return
         following = self.playback.advance(now, self.view.frames_per_second)
         if following is not None:
@@ -539,6 +588,7 @@ class App:
         except PrevisError as error:
             self.notify(str(error), "error")
             return False
+        self._watch.accept(os.path.abspath(path))
         self.notify(f"Saved {path}")
         return True
 
@@ -577,6 +627,9 @@ class App:
         view = {"selection": self.view.selection, "exposure": self.view.exposure, "time": document.time}
         if self.orbit is not None:
             view["orbit"] = self.orbit.state()
+        view["options"] = dict(self._opened_with)
+        if view["options"].get("session_layer"):
+            view["options"]["session_layer"] = os.path.abspath(view["options"]["session_layer"])
         return RecoveryState(document.path, document.scene.snapshot(), view)
 
     def keep_preferences(self) -> None:

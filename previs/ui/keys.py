@@ -27,7 +27,7 @@ def chords(shortcut: str) -> list[int]:
     found = []
     for alternative in shortcut.split():
         *modifiers, key = alternative.split("+")
-        keys = _KEYS.get(key) or (getattr(imgui.Key, key.lower()),)
+        keys = _KEYS.get(key) or (imgui.Key.__members__[key.lower()],)
         for code in keys:
             chord = int(code)
             for modifier in modifiers:

@@ -11,7 +11,6 @@ from imgui_bundle import ImVec2, hello_imgui, imgui
 from ..errors import PrevisError
 from .app import App
 from .dialogs import Dialogs
-from .document import Document
 from .recovery import Entry
 
 _UNSAVED = "Unsaved edits"
@@ -100,14 +99,7 @@ class Questions:
         except PrevisError as error:
             app.notify(str(error), "error")
             return
-
-        def put_back(document: Document) -> None:
-            if app.restore_edits(state.snapshot):
-                app.recovery.forget(entry)
-                app.view.selection = state.view.get("selection", "")
-                app.notify("The edits are back; save them to keep them")
-
-        app.open(state.stage, put_back)
+        app.recover(state, lambda: self._forget(entry))
 
     def _forget(self, entry: Entry) -> None:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
@@ -122,12 +123,18 @@ class Runner:
             try:
                 call()
             except Exception as error:
-                self.failure = error
-                if self.app is not None:
-                    self.app.save_for_recovery()
-                hello_imgui.get_runner_params().app_shall_exit = True
+                self._fail(error)
 
         return guarded
+
+    def _fail(self, error: Exception) -> None:
+        """End the window, the edits kept for the next session."""
+        self.failure = error
+        hello_imgui.get_runner_params().app_shall_exit = True
+        if self.app is not None:
+            with contextlib.suppress(Exception):
+                # Whatever is wrong with the application, its first error is the one to hear of.
+                self.app.save_for_recovery()
 
     # --- callbacks ------------------------------------------------------------------------------------------------
 
@@ -186,6 +193,9 @@ class Runner:
     def _above_panels(self) -> None:
         if self.app is None or self._questions is None:
             return
+        io = imgui.get_io()
+        if io.mouse_delta.x or io.mouse_delta.y or io.mouse_wheel or io.want_text_input or any(io.mouse_down):
+            self.app.touched = time.monotonic()
         run_shortcuts(self.app.commands)
         self._dialogs.draw()
         self._questions.draw()
@@ -195,15 +205,23 @@ class Runner:
             draw_status(self.app)
 
     def _confirm_exit(self) -> bool:
-        if self.app is None or self._questions is None or not self._questions.unsaved:
+        try:
+            if self.failure is not None or self._questions is None or not self._questions.unsaved:
+                return True
+            self._questions.leave(self._quit)
+        except Exception as error:
+            self._fail(error)
             return True
-        self._questions.leave(self._quit)
         return False
 
     def _quit(self) -> None:
         hello_imgui.get_runner_params().app_shall_exit = True
 
     def _end(self) -> None:
-        if self.app is not None:
+        if self.app is None:
+            return
+        try:
             self.app.keep_preferences()
             self.app.release(clean=self.failure is None)
+        except Exception as error:
+            self.failure = self.failure or error

@@ -25,6 +25,11 @@ class FileWatch:
         """Watch exactly these files, as they are now where they are new."""
         self._known = {f: self._known[f] if f in self._known else _state(f) for f in files}
 
+    def accept(self, file: str) -> None:
+        """Take a file as it is now: its change is our own."""
+        if file in self._known:
+            self._known[file] = _state(file)
+
     def changed(self, now: float) -> bool:
         """Whether a file changed and has rested since; says so once per change.
 

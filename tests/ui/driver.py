@@ -2,8 +2,9 @@
 
     python tests/ui/driver.py SCENARIO FOLDER [STAGE]
 
-A process each, because the window's library cannot begin a second time. A scenario is a function of `scenarios.py`
-that is given a `Hand`. When it fails, a screenshot is left in tests/ui/failed.
+PREVIS_TEST_SIZE=1440x860 makes the window larger. A process each, because the window's library cannot begin a second
+time. A scenario is a function of `scenarios.py` that is given a `Hand`. When it fails, a screenshot is left in
+tests/ui/failed.
 """
 
 from __future__ import annotations
@@ -208,7 +209,8 @@ def main() -> int:
                 testing.capture(context, str(FAILED / f"{name}.png"))
             raise
 
-    run(Start(path=stage[0] if stage else None, size=(1280, 760)), test)
+    width, height = os.environ.get("PREVIS_TEST_SIZE", "1280x760").split("x")
+    run(Start(path=stage[0] if stage else None, size=(int(width), int(height))), test)
     return 0
 
 

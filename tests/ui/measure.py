@@ -17,11 +17,13 @@ import tempfile
 import time
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("PREVIS_CONFIG", tempfile.mkdtemp(prefix="previs-measure-"))
 
+import glfw
 import numpy as np
-from imgui_bundle import hello_imgui
+from imgui_bundle import glfw_utils, hello_imgui
 
 import previs
 from previs.ui.runner import Runner
@@ -36,10 +38,11 @@ class Measurement:
 
     def __init__(self, runner: Runner, path: str, large: str) -> None:
         self.runner, self.path, self.large = runner, path, large
-        self.results: dict[str, float] = {"view": list(VIEW)}
+        self.results: dict[str, Any] = {}
         self.steps = self._script()
         self.ended: list[float] = []
-        self.dragging = False
+        self.dragging = self.mouse_moves = False
+        self.awake = False
 
     def take_over(self) -> None:
         """Put the script between the window's frame and the application's turn."""
@@ -47,11 +50,14 @@ class Measurement:
         tick = app.tick
 
         def scripted_tick() -> None:
-            # The panel's real size does not matter to the renderer; the figures are for this one.
-            app.size = VIEW
             next(self.steps, None)
             app.dragging = self.dragging
+            if self.mouse_moves:
+                app.touched = time.monotonic()
             tick()
+            # The script goes on at once, without the pause of a window at rest.
+            if self.awake:
+                app.notify("measuring")
 
         app.tick = scripted_tick
 
@@ -60,8 +66,15 @@ class Measurement:
 
     def _wait(self, condition, seconds: float = 120.0):
         end = time.perf_counter() + seconds
+        self.awake = True
         while not condition():
             assert time.perf_counter() < end, "it took too long"
+            yield
+        self.awake = False
+
+    def _pause(self, seconds: float):
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
             yield
 
     def _changes(self, change):
@@ -81,8 +94,28 @@ class Measurement:
         self.dragging = False
         return statistics.median(times), sorted(times)[int(0.9 * CHANGES)]
 
+    def _fit_window(self):
+        """Give the window the size at which its view has the pixels asked for."""
+        app, window = self.runner.app, glfw_utils.glfw_window_hello_imgui()
+        for _ in range(5):
+            yield
+        for _ in range(60):
+            if app.size == VIEW:
+                break
+            width, height = glfw.get_window_size(window)
+            # A part of the window's growth goes to other panels.
+            grow = [
+                round(0.7 * (want - has)) or (want > has) - (want < has)
+                for want, has in zip(VIEW, app.size, strict=True)
+            ]
+            glfw.set_window_size(window, width + grow[0], height + grow[1])
+            for _ in range(3):
+                yield
+        self.results["view"], self.results["window"] = list(app.size), list(glfw.get_window_size(window))
+
     def _script(self):
         app = self.runner.app
+        yield from self._fit_window()
         yield from self._wait(lambda: app.document is not None and app.picture.finished)
         document = app.document
         volume = next(iter(document.description.volumes))
@@ -111,7 +144,7 @@ class Measurement:
         self.dragging = True
         begin, serial, divisors = time.perf_counter(), app.picture.serial, []
         while time.perf_counter() - begin < 4.0:
-            app.move_camera(lambda orbit: orbit.orbit(0.004, 0.001))
+            app.move_camera(lambda orbit: orbit.orbit(0.004, 0.0))
             divisors.append(app.size[0] / app.picture.plan.width)
             yield
         seconds = time.perf_counter() - begin
@@ -120,25 +153,35 @@ class Measurement:
             "divisor": statistics.median(divisors),
         }
         self.dragging = False
-        begin, frames = time.perf_counter(), len(self.ended)
-        yield from self._wait(lambda: app.picture.finished)
-        self.results["refining"] = {"seconds": time.perf_counter() - begin, **intervals(self.ended[frames:])}
+        for name, hand in (("refining_under_a_moving_mouse", True), ("refining_hands_off", False)):
+            app.move_camera(lambda orbit: orbit.orbit(0.004, 0.0))
+            self.mouse_moves = hand
+            begin, frames = time.perf_counter(), len(self.ended)
+            yield
+            yield from self._wait(lambda: app.picture.finished)
+            self.results[name] = {"seconds": time.perf_counter() - begin, **intervals(self.ended[frames:])}
+        self.mouse_moves = False
         begin, frames = time.perf_counter(), len(self.ended)
         app.open(self.large)
         yield from self._wait(lambda: app.loading is None)
         self.results["loading"] = {"seconds": time.perf_counter() - begin, **intervals(self.ended[frames:])}
         app.open(self.path)
         yield from self._wait(lambda: app.loading is None)
-        yield from self._wait(lambda: app.picture.finished and not app.busy)
+        yield from self._wait(lambda: app.picture.finished)
+        app.messages.clear()
+        yield from self._pause(2.0)
         begin, spent, frames = time.perf_counter(), time.process_time(), len(self.ended)
-        while time.perf_counter() - begin < 15.0:
-            yield
+        yield from self._pause(15.0)
         wall = time.perf_counter() - begin
         self.results["idle"] = {
             "processor_percent_of_one_core": 100.0 * (time.process_time() - spent) / wall,
             "frames_per_second": (len(self.ended) - frames) / wall,
         }
         hello_imgui.get_runner_params().app_shall_exit = True
+
+
+def _most_of(pixels: int) -> int:
+    return round(0.7 * pixels) or (pixels > 0) - (pixels < 0)
 
 
 def intervals(ends: list[float]) -> dict[str, float]:

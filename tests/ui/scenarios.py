@@ -448,3 +448,20 @@ def rests(hand: Hand) -> None:
     hand.frames(5)
     assert hand.app.picture.serial == serial
     assert time.process_time() - spent <= max(0.5 * (time.monotonic() - begin), 0.5)
+
+
+def portrait(hand: Hand) -> None:
+    """README's picture of the window, as portrait.png."""
+    hand.open()
+    hand.finish()
+    hand.drag("//Look/density_scale", 16)
+    hand.press(imgui.Key.i)
+    hand.click_picture(0.52, 0.5)
+    hand.finish()
+    hand.until(lambda: hand.app.probe is not None, "the inspector's curves")
+    hand.press(imgui.Key.w)
+    hand.finish_both()
+    hand.context.window_focus("//Look")
+    hand.frames(5)
+    hand.until(lambda: not hand.app.messages, "the messages to go")
+    hand.capture("portrait")
