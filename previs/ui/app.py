@@ -48,7 +48,7 @@ REST_SECONDS = 0.12
 WORK_SECONDS = 0.016
 #: The same once nobody has touched anything for `HANDS_OFF_SECONDS`: nobody waits for the window then, only for the
 #: picture. The first movement of the mouse is answered after one such frame at the latest.
-HANDS_OFF_WORK_SECONDS = 0.05
+HANDS_OFF_WORK_SECONDS = 0.033
 HANDS_OFF_SECONDS = 0.6
 #: How long messages stay, in seconds.
 MESSAGE_SECONDS = {"info": 4.0, "warning": 8.0, "error": 12.0}

@@ -48,6 +48,13 @@ class Desktop:
         time.sleep(0.15)
         return done.stdout.strip()
 
+    def chord(self, modifier: str, key: str) -> None:
+        """Hold a modifier as long as a hand does: xdotool's own are over between two frames of a busy window."""
+        self.do("keydown", modifier)
+        self.do("key", key)
+        time.sleep(0.15)
+        self.do("keyup", modifier)
+
     def titles(self) -> list[str]:
         windows = self.do("search", "--name", "previs").split()
         return [self.do("getwindowname", w) for w in windows]
@@ -95,7 +102,7 @@ def test_a_look_is_tuned_and_saved_by_hand(desktop: Desktop, tmp_path: Path) -> 
         desktop.do("mousemove", SIZE[0] // 2, SIZE[1] // 2)
         desktop.do("key", "4")
         until(lambda: "pyroclastic.usda • - previs" in desktop.titles(), "14 coefficients by key")
-        desktop.do("key", "ctrl+z")
+        desktop.chord("ctrl", "z")
         until(lambda: "pyroclastic.usda - previs" in desktop.titles(), "the undo")
         # The first knob of the panel at the right.
         desktop.drag(int(0.9 * SIZE[0]), 110, 60)
@@ -103,9 +110,9 @@ def test_a_look_is_tuned_and_saved_by_hand(desktop: Desktop, tmp_path: Path) -> 
         desktop.drag(SIZE[0] // 2, SIZE[1] // 2, 120)
         for patience in (1.0, 4.0, 10.0):
             # Nothing tells from outside that the browser is open, and keys that come too early are shortcuts.
-            desktop.do("key", "ctrl+s")
+            desktop.chord("ctrl", "s")
             time.sleep(patience)
-            desktop.do("key", "ctrl+a")
+            desktop.chord("ctrl", "a")
             desktop.do("type", "tuned.usda")
             desktop.do("key", "Return")
             time.sleep(patience)
@@ -115,7 +122,7 @@ def test_a_look_is_tuned_and_saved_by_hand(desktop: Desktop, tmp_path: Path) -> 
         until((tmp_path / "tuned.usda").exists, "the saved layer")
         until(lambda: "pyroclastic.usda - previs" in desktop.titles(), "the title without a mark")
         assert "density_scale" in (tmp_path / "tuned.usda").read_text()
-        desktop.do("key", "ctrl+q")
+        desktop.chord("ctrl", "q")
         assert window.wait(60) == 0
     finally:
         if window.poll() is None:
