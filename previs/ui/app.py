@@ -356,6 +356,8 @@ class App:
     def export_image(self, path: str | os.PathLike[str]) -> None:
         """Write the picture of the view, as soon as it is in full quality."""
         self._export = Path(path)
+        if self.view.solo:
+            self.notify(f"The picture is lit by {self.view.solo} alone, as the view is", "warning")
         if not self.picture.finished:
             self.notify(f"{self._export.name} is written when the picture is finished")
 
