@@ -209,7 +209,7 @@ def main() -> int:
                 testing.capture(context, str(FAILED / f"{name}.png"))
             raise
 
-    width, height = os.environ.get("PREVIS_TEST_SIZE", "1280x760").split("x")
+    width, height = os.environ.get("PREVIS_TEST_SIZE", "1060x620").split("x")
     run(Start(path=stage[0] if stage else None, size=(int(width), int(height))), test)
     return 0
 

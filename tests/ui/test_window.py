@@ -42,7 +42,7 @@ def test_plume(drive, scenario):
     drive(scenario)
 
 
-@pytest.mark.parametrize("scenario", ["drags_albedo", "coefficients"])
+@pytest.mark.parametrize("scenario", ["drags_albedo"])
 def test_a_stage_without_meshes(drive, scenario):
     drive(scenario, SCENES / "pyroclastic.usda")
 
