@@ -56,11 +56,6 @@ class Dialogs:
         self._system: portable_file_dialogs.open_file | portable_file_dialogs.save_file | None = None
         self._browser: FileBrowser | None = None
 
-    @property
-    def is_open(self) -> bool:
-        """Whether a dialog is waiting for an answer."""
-        return self._question is not None
-
     def open_file(self, title: str, folder: str, endings: tuple[str, ...], then: Then) -> None:
         """Ask for a file that exists. `folder` is where to begin, `endings` such as (".usd", ".vdb")."""
         self._ask(_Question("open", title, folder, endings, then))

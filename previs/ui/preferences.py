@@ -89,8 +89,6 @@ class Preferences:
         color_correction: "disabled", "sRGB" or "openColorIO".
         ocio_display, ocio_view: names of OpenColorIO, "" for the configuration's defaults.
         gate_mask: whether what lies outside a camera's aperture is darkened.
-        tooltips: whether explanations appear under the cursor.
-        font_scale: size of the text, 1 is the system's.
         folder: where the file is.
         problem: one line about what could not be read, "" when all is well.
     """
@@ -101,8 +99,6 @@ class Preferences:
     ocio_display: str = ""
     ocio_view: str = ""
     gate_mask: bool = True
-    tooltips: bool = True
-    font_scale: float = 1.0
     folder: Path = field(default_factory=config_folder)
     problem: str = ""
 
@@ -189,8 +185,7 @@ def _fits(name: str, value: Any) -> bool:
     """Whether a stored value can stand for a preference."""
     default = _DEFAULTS.get(name, ...)
     if isinstance(default, float):
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        return number and (name != "font_scale" or 0.25 <= value <= 8.0)
+        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if isinstance(default, list):
         return isinstance(value, list) and all(isinstance(v, str) for v in value)
     return type(value) is type(default)

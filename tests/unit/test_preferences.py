@@ -30,7 +30,7 @@ def test_where_they_are(monkeypatch, tmp_path):
 def test_a_first_start_has_the_defaults_and_leaves_no_trace(tmp_path):
     folder = tmp_path / "new"
     preferences = Preferences.load(folder)
-    assert (preferences.recent, preferences.exposure, preferences.tooltips) == ([], 0.0, True)
+    assert (preferences.recent, preferences.exposure, preferences.gate_mask) == ([], 0.0, True)
     assert preferences.problem == ""
     preferences.save()
     assert not folder.exists()
@@ -39,7 +39,7 @@ def test_a_first_start_has_the_defaults_and_leaves_no_trace(tmp_path):
 def test_values_survive(tmp_path):
     preferences = Preferences.load(tmp_path)
     preferences.exposure = -1.5
-    preferences.tooltips = False
+    preferences.gate_mask = False
     preferences.ocio_view = "Ünïcode ✓"
     preferences.add_recent(tmp_path / "a.usda")
     preferences.save()
@@ -47,11 +47,11 @@ def test_values_survive(tmp_path):
     assert again == preferences
     assert again.recent == [str(tmp_path / "a.usda")]
     # Only what differs from the defaults is kept: they may change for those who never chose.
-    assert set(json.loads(again.path.read_text())) == {"exposure", "tooltips", "ocio_view", "recent"}
-    again.tooltips = True
+    assert set(json.loads(again.path.read_text())) == {"exposure", "gate_mask", "ocio_view", "recent"}
+    again.gate_mask = True
     again.save()
-    assert "tooltips" not in json.loads(again.path.read_text())
-    assert Preferences.load(tmp_path).tooltips is True
+    assert "gate_mask" not in json.loads(again.path.read_text())
+    assert Preferences.load(tmp_path).gate_mask is True
 
 
 def test_recent_files(tmp_path, monkeypatch):
@@ -73,11 +73,11 @@ def test_two_processes_do_not_undo_each_other(tmp_path):
     one.exposure = 2.0
     one.add_recent("/one.usda")
     one.save()
-    two.tooltips = False
+    two.gate_mask = False
     two.add_recent("/two.usda")
     two.save()
     again = Preferences.load(tmp_path)
-    assert (again.exposure, again.tooltips) == (2.0, False)
+    assert (again.exposure, again.gate_mask) == (2.0, False)
     assert again.recent == [os.path.abspath("/two.usda"), os.path.abspath("/one.usda")]
     # What one has forgotten does not come back from the file.
     two.forget_recent("/one.usda")
@@ -124,13 +124,11 @@ def test_damaged_files_are_set_aside(tmp_path, content):
         ("exposure", True),
         ("exposure", float("nan")),
         ("exposure", float("inf")),
-        ("tooltips", 1),
-        ("tooltips", None),
+        ("color_correction", 1),
+        ("ocio_display", None),
         ("recent", "a.usda"),
         ("recent", ["a.usda", 3]),
         ("ocio_view", ["x"]),
-        ("font_scale", 0.0),
-        ("font_scale", 1e9),
     ],
 )
 def test_a_value_of_the_wrong_kind_is_the_default(tmp_path, name, value):
