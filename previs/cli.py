@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import importlib.metadata
 import os
 import sys
 from collections.abc import Sequence
@@ -35,6 +36,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="previs", description="A volumetric previewer for USD stages: smoke, clouds and fire, lit and shadowed."
     )
+    parser.add_argument("--version", action="version", version=f"previs {importlib.metadata.version('previs')}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="|".join(_COMMANDS))
     for name, summary in _COMMANDS.items():
         module = importlib.import_module(f".commands.{name}", __package__)

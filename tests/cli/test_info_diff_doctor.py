@@ -215,7 +215,7 @@ def test_doctor(run):
     assert lines[-1] == "ready to render"
 
 
-@pytest.mark.parametrize("command", ["record", "info", "diff", "doctor"])
+@pytest.mark.parametrize("command", ["view", "record", "info", "diff", "doctor"])
 def test_help(command, capsys):
     from previs.cli import main
 
@@ -223,3 +223,8 @@ def test_help(command, capsys):
         main([command, "--help"])
     assert left.value.code == 0
     assert f"usage: previs {command}" in capsys.readouterr().out
+
+
+def test_version(run):
+    result = run("--version")
+    assert result.returncode == 0 and result.stdout.startswith("previs 0.")
