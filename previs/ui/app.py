@@ -75,7 +75,6 @@ class App:
         self.document: Document | None = None
         self.loading: Loading | None = None
         self.view = ViewState(
-            exposure=preferences.exposure,
             color_correction=preferences.color_correction,
             ocio_display=preferences.ocio_display,
             ocio_view=preferences.ocio_view,
@@ -245,6 +244,7 @@ class App:
             if self.orbit is not None and "orbit" in view:
                 with contextlib.suppress(ValueError):
                     self.orbit = self.orbit.restored(view["orbit"])
+            self.view.camera_path = str(view.get("camera", self.view.camera_path))
             self.save_for_recovery()
             then()
             self.notify("The edits are back; save them to keep them")
@@ -626,7 +626,12 @@ class App:
         document = self.document
         if document is None or not document.modified:
             return None
-        view = {"selection": self.view.selection, "exposure": self.view.exposure, "time": document.time}
+        view: dict[str, Any] = {
+            "selection": self.view.selection,
+            "camera": self.view.camera_path,
+            "exposure": self.view.exposure,
+            "time": document.time,
+        }
         if self.orbit is not None:
             view["orbit"] = self.orbit.state()
         view["options"] = dict(self._opened_with)

@@ -10,6 +10,7 @@ import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui, implot
 
 from . import widgets
+from .app import App
 from .knobs import number
 from .theme import ACCENT, CURVES, DIM, WARNING, Rgba, dim, em, packed, tooltip
 
@@ -71,7 +72,7 @@ def short_name(curve: ProbeCurve) -> str:
     return f"{curve.coefficients}" if curve.method == "tfm" else f"{curve.method} {curve.coefficients}"
 
 
-def draw_inspector(app: Any) -> None:
+def draw_inspector(app: App) -> None:
     """Draw the content of the window "Inspector"."""
     if app.document is None:
         dim("Nothing is open.")
@@ -91,7 +92,7 @@ def draw_inspector(app: Any) -> None:
     _draw_words(probe, channel)
 
 
-def _draw_nothing(app: Any) -> None:
+def _draw_nothing(app: App) -> None:
     if app.view.inspection is not None:
         dim("The light's way to that point is measured when the picture is finished.")
     elif app.view.inspecting:
@@ -102,7 +103,7 @@ def _draw_nothing(app: Any) -> None:
         dim("Shows how much of a light reaches each point of its way, and how well the maps know it (I).")
 
 
-def _draw_head(app: Any, probe: TransmittanceProbe) -> None:
+def _draw_head(app: App, probe: TransmittanceProbe) -> None:
     imgui.align_text_to_frame_padding()
     imgui.text_colored(ImVec4(*ACCENT), icons_fontawesome.ICON_FA_LIGHTBULB)
     imgui.same_line(0.0, em(0.4))
@@ -126,7 +127,7 @@ def _draw_head(app: Any, probe: TransmittanceProbe) -> None:
         _state.scale, _state.fit = picked, True
 
 
-def _choose_light(app: Any, probe: TransmittanceProbe) -> None:
+def _choose_light(app: App, probe: TransmittanceProbe) -> None:
     """The light whose ray is shown; another one can be picked."""
     lights = [p for p, light in app.document.description.lights.items() if light.kind != "dome"]
     names = [p.rsplit("/", 1)[-1] for p in lights]

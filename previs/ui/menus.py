@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import Any
 
 from imgui_bundle import hello_imgui, imgui
 
+from .app import App
 from .theme import tooltip
 
 #: Menus and their commands in order; "" is a line between, "recent" the list of files opened before.
@@ -37,7 +37,7 @@ MENUS: tuple[tuple[str, tuple[str, ...]], ...] = (
 )
 
 
-def draw_menus(app: Any, leave: Callable[[Callable[[], None]], None]) -> None:
+def draw_menus(app: App, leave: Callable[[Callable[[], None]], None]) -> None:
     """Draw the menus into the open menu bar.
 
     Args:
@@ -84,7 +84,7 @@ def _windows() -> None:
     tooltip("Puts all panels back where they were at first")
 
 
-def _command(app: Any, name: str) -> None:
+def _command(app: App, name: str) -> None:
     command = app.commands.get(name)
     if command is None:
         return
@@ -104,7 +104,7 @@ def _lower(label: str) -> str:
     return label[:1].lower() + label[1:]
 
 
-def _recent(app: Any, leave: Callable[[Callable[[], None]], None]) -> None:
+def _recent(app: App, leave: Callable[[Callable[[], None]], None]) -> None:
     """Files opened before."""
     recent = list(app.preferences.recent)
     if not imgui.begin_menu("Open recent###open_recent", bool(recent)):
@@ -116,7 +116,7 @@ def _recent(app: Any, leave: Callable[[Callable[[], None]], None]) -> None:
     imgui.end_menu()
 
 
-def _cameras(app: Any) -> None:
+def _cameras(app: App) -> None:
     if app.document is None:
         return
     for path in app.document.description.cameras:

@@ -8,6 +8,7 @@ from typing import Any
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..scene import OutlineItem
+from .app import App
 from .theme import ACCENT, DIM, dim, em, packed, tooltip
 
 ICONS: dict[str, str] = {
@@ -45,7 +46,7 @@ def matching(items: tuple[OutlineItem, ...], text: str) -> dict[str, list[Outlin
     return groups
 
 
-def draw_outliner(app: Any) -> None:
+def draw_outliner(app: App) -> None:
     """Draw the content of the window "Outliner"."""
     if app.document is None:
         dim("Nothing is open.")
@@ -79,7 +80,7 @@ def _draw_filter() -> None:
             _state.filter = ""
 
 
-def _draw_groups(app: Any, count: int) -> None:
+def _draw_groups(app: App, count: int) -> None:
     found = 0
     for kind, items in _state.groups.items():
         found += len(items)
@@ -108,7 +109,7 @@ def _count(text: str) -> None:
     imgui.get_window_draw_list().add_text(at, packed(DIM), text)
 
 
-def _draw_items(app: Any, items: list[OutlineItem]) -> None:
+def _draw_items(app: App, items: list[OutlineItem]) -> None:
     selected = next((i for i, item in enumerate(items) if item.path == app.view.selection), None)
     fresh = selected is not None and app.view.selection != _state.selection
     clipper = imgui.ListClipper()
@@ -120,7 +121,7 @@ def _draw_items(app: Any, items: list[OutlineItem]) -> None:
             _draw_item(app, items[i], fresh and i == selected)
 
 
-def _draw_item(app: Any, item: OutlineItem, scroll_to: bool) -> None:
+def _draw_item(app: App, item: OutlineItem, scroll_to: bool) -> None:
     imgui.push_id(item.path)
     start = imgui.get_cursor_pos_x()
     icon_width = em(1.5)
@@ -169,7 +170,7 @@ def _about(item: OutlineItem) -> str:
     return f"{item.path}\n{action}{shared}"
 
 
-def _visit(app: Any, item: OutlineItem) -> None:
+def _visit(app: App, item: OutlineItem) -> None:
     if item.kind == "camera":
         app.look_through(item.path)
     else:
@@ -186,7 +187,7 @@ def _icon_button(name: str, icon: str, color: Any, width: float) -> bool:
     return clicked
 
 
-def _solo(app: Any, item: OutlineItem, width: float) -> None:
+def _solo(app: App, item: OutlineItem, width: float) -> None:
     alone = app.view.solo == item.path
     icon = icons_fontawesome.ICON_FA_STAR
     if _icon_button("solo", icon, ACCENT if alone else (*DIM[:3], 0.35), width):
@@ -194,7 +195,7 @@ def _solo(app: Any, item: OutlineItem, width: float) -> None:
     tooltip("Solo: only this light shines; not an edit")
 
 
-def _eye(app: Any, item: OutlineItem, width: float) -> None:
+def _eye(app: App, item: OutlineItem, width: float) -> None:
     if item.kind == "camera" or not item.editable:
         imgui.dummy(ImVec2(width, 0.0))
         return

@@ -12,6 +12,7 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 from .. import blackbody
 from ..description import Medium
 from . import placing, widgets
+from .app import App
 from .knobs import LIGHT, LIGHT_BY_NAME, MEDIUM, MEDIUM_BY_NAME, PLACE_BY_NAME, Knob, encoded
 from .lobe import ISOTROPIC, Lobe, Polar, Radius, lobe, outline
 from .outliner import ICONS
@@ -55,7 +56,7 @@ class _State:
 _state = _State()
 
 
-def draw_look(app: Any) -> None:
+def draw_look(app: App) -> None:
     """Draw the content of the window "Look"."""
     widgets.end_finished_gesture(app)
     document = app.document
@@ -91,7 +92,7 @@ def draw_look(app: Any) -> None:
 # --- nothing, meshes, cameras -----------------------------------------------------------------------------------------
 
 
-def _draw_nothing(app: Any, selection: str) -> None:
+def _draw_nothing(app: App, selection: str) -> None:
     if selection:
         dim(f"{selection} is not on the stage any more.")
     else:
@@ -109,7 +110,7 @@ def _draw_nothing(app: Any, selection: str) -> None:
             dim(f"and {len(items) - 40} more in the outliner")
 
 
-def _draw_header(app: Any, item: Any) -> None:
+def _draw_header(app: App, item: Any) -> None:
     imgui.align_text_to_frame_padding()
     imgui.text_colored(ImVec4(*ACCENT), ICONS[item.kind])
     imgui.same_line(0.0, em(0.4))
@@ -134,12 +135,12 @@ def _draw_header(app: Any, item: Any) -> None:
     tooltip("Frame it in the view (F)")
 
 
-def _toggle_visible(app: Any, item: Any) -> None:
+def _toggle_visible(app: App, item: Any) -> None:
     action = f"Hide {item.name}" if item.visible else f"Show {item.name}"
     app.edit(action, lambda scene: scene.set_visible(item.path, not item.visible))
 
 
-def _draw_camera(app: Any, path: str) -> None:
+def _draw_camera(app: App, path: str) -> None:
     camera = app.document.description.cameras.get(path)
     through = app.view.camera_path == path
     if imgui.button("Leave the camera###look_through" if through else "Look through###look_through", ImVec2(-1.0, 0.0)):
@@ -153,7 +154,7 @@ def _draw_camera(app: Any, path: str) -> None:
         dim(f"Orthographic, {0.1 * camera.horizontal_aperture:g} units wide")
 
 
-def _draw_mesh(app: Any, path: str) -> None:
+def _draw_mesh(app: App, path: str) -> None:
     mesh = app.document.description.meshes.get(path)
     if mesh is None:
         dim("A mesh that is hidden. It neither shows nor casts shadows.")
@@ -173,7 +174,7 @@ def _draw_mesh(app: Any, path: str) -> None:
 # --- bindings ---------------------------------------------------------------------------------------------------------
 
 
-def _shown(app: Any, path: str, knobs: tuple[Knob, ...], read: str, authored: str) -> _Shown:
+def _shown(app: App, path: str, knobs: tuple[Knob, ...], read: str, authored: str) -> _Shown:
     """The values of a prim, by the scene's methods of these names.
 
     Values are read in every frame, which is cheap; which of them are animated only when the document moved.
@@ -187,7 +188,7 @@ def _shown(app: Any, path: str, knobs: tuple[Knob, ...], read: str, authored: st
     return _Shown(getattr(scene, read)(path, time), getattr(scene, authored)(path, time), _state.animated)
 
 
-def _binding(app: Any, path: str, knob: Knob, shown: _Shown, author: str, reset: str) -> Binding:
+def _binding(app: App, path: str, knob: Knob, shown: _Shown, author: str, reset: str) -> Binding:
     name = knob.name
     time = app.document.time_code if name in shown.animated else None
     noun = path.rsplit("/", 1)[-1]
@@ -218,7 +219,7 @@ def _plain(value: Any) -> Any:
 # --- volumes ----------------------------------------------------------------------------------------------------------
 
 
-def _draw_volume(app: Any, path: str) -> None:
+def _draw_volume(app: App, path: str) -> None:
     shown = _shown(app, path, MEDIUM, "medium", "authored_medium")
     medium: Medium = shown.now
 
@@ -263,7 +264,7 @@ def _draw_volume(app: Any, path: str) -> None:
     _reset_all(app, path, shown, {k.name: k.label for k in MEDIUM}, "reset_medium")
 
 
-def _reset_all(app: Any, path: str, shown: _Shown, labels: Mapping[str, str], reset: str) -> None:
+def _reset_all(app: App, path: str, shown: _Shown, labels: Mapping[str, str], reset: str) -> None:
     pairs = ((name, _plain(getattr(shown.now, name)), _plain(getattr(shown.stage, name))) for name in labels)
     edited = [name for name, now, stage in pairs if not widgets.same(now, stage)]
     if not edited:
@@ -348,7 +349,7 @@ def _lobe_tooltip(medium: Medium, centre: tuple[float, float]) -> None:
 # --- lights -----------------------------------------------------------------------------------------------------------
 
 
-def _draw_light(app: Any, path: str) -> None:
+def _draw_light(app: App, path: str) -> None:
     shown = _shown(app, path, LIGHT, "light_values", "authored_light")
     light = shown.now
 
@@ -388,7 +389,7 @@ def _draw_light(app: Any, path: str) -> None:
     _reset_all(app, path, shown, labels, "reset_light")
 
 
-def _draw_switches(app: Any, path: str, shown: _Shown) -> None:
+def _draw_switches(app: App, path: str, shown: _Shown) -> None:
     """On, and alone."""
     widgets.draw(
         app, LIGHT_BY_NAME["visible"], _binding(app, path, LIGHT_BY_NAME["visible"], shown, "set_light", "reset_light")
@@ -435,7 +436,7 @@ def _temperature_colors(low: float, high: float) -> list[tuple[float, float, flo
     return _ramp[(low, high)]
 
 
-def _draw_cone(app: Any, path: str, light: Any, knob: Callable[[str], None]) -> None:
+def _draw_cone(app: App, path: str, light: Any, knob: Callable[[str], None]) -> None:
     """The cone of a light that has one, or a way to give it one."""
     record = app.document.description.lights.get(path)
     shaped = light.cone_angle < 90.0 or (record is not None and record.shaping is not None)
@@ -454,7 +455,7 @@ def _draw_cone(app: Any, path: str, light: Any, knob: Callable[[str], None]) -> 
 # --- where a light is -------------------------------------------------------------------------------------------------
 
 
-def _draw_place(app: Any, path: str, shown: _Shown) -> None:
+def _draw_place(app: App, path: str, shown: _Shown) -> None:
     """Where light comes from, for lights that have a direction, and where the light stands."""
     light = shown.now
     aimed = light.kind not in ("sphere", "cylinder", "dome") or light.cone_angle < 90.0
@@ -469,7 +470,7 @@ def _draw_place(app: Any, path: str, shown: _Shown) -> None:
         dim("It moves over time; a change here holds it still.")
 
 
-def _place_binding(app: Any, path: str, name: str, values: tuple[Any, Any], write: Callable[[Any], None]) -> Binding:
+def _place_binding(app: App, path: str, name: str, values: tuple[Any, Any], write: Callable[[Any], None]) -> Binding:
     noun = path.rsplit("/", 1)[-1]
 
     def go_back() -> None:
@@ -478,7 +479,7 @@ def _place_binding(app: Any, path: str, name: str, values: tuple[Any, Any], writ
     return Binding(values[0], write, values[1], go_back, action=f"Set {name} of {noun}")
 
 
-def _draw_direction(app: Any, path: str, shown: _Shown) -> None:
+def _draw_direction(app: App, path: str, shown: _Shown) -> None:
     up = app.document.description.up_axis
     now, stage = (placing.angles(values.direction, up) for values in (shown.now, shown.stage))
     for i, name in enumerate(("elevation", "azimuth")):
@@ -492,7 +493,7 @@ def _draw_direction(app: Any, path: str, shown: _Shown) -> None:
         widgets.draw(app, PLACE_BY_NAME[name], binding)
 
 
-def _draw_position(app: Any, path: str, shown: _Shown) -> None:
+def _draw_position(app: App, path: str, shown: _Shown) -> None:
     now, stage = shown.now.position, shown.stage.position
     description = app.document.description
     # A ground plane reaches much further than lights are moved.

@@ -12,7 +12,6 @@ of the wrong type is replaced by its default, and `problem` says so in one line.
 from __future__ import annotations
 
 import json
-import math
 import os
 import sys
 import tempfile
@@ -85,7 +84,6 @@ class Preferences:
 
     Attributes:
         recent: absolute paths, the latest first, RECENT_FILES at most; see `add_recent`.
-        exposure: stops, at which a stage is first shown.
         color_correction: "disabled", "sRGB" or "openColorIO".
         ocio_display, ocio_view: names of OpenColorIO, "" for the configuration's defaults.
         gate_mask: whether what lies outside a camera's aperture is darkened.
@@ -94,7 +92,6 @@ class Preferences:
     """
 
     recent: list[str] = field(default_factory=list)
-    exposure: float = 0.0
     color_correction: str = "sRGB"
     ocio_display: str = ""
     ocio_view: str = ""
@@ -184,8 +181,6 @@ _DEFAULTS: dict[str, Any] = {
 def _fits(name: str, value: Any) -> bool:
     """Whether a stored value can stand for a preference."""
     default = _DEFAULTS.get(name, ...)
-    if isinstance(default, float):
-        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
     if isinstance(default, list):
         return isinstance(value, list) and all(isinstance(v, str) for v in value)
     return type(value) is type(default)

@@ -9,6 +9,7 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 from ..errors import PrevisError
 from ..io import ColorViews, color_views
 from . import widgets
+from .app import App
 from .knobs import RENDER, RENDER_BY_NAME, VIEW_BY_NAME, Knob
 from .state import COMPARISONS
 from .theme import ACCENT, ERROR, FRAME, FRAME_HOVERED, INK, TEXT, dim, em, packed, tooltip
@@ -19,7 +20,7 @@ MAIN = ("transmittance", "threshold", "map_size", "steps", "light_steps")
 _SWITCHED = "coefficients"
 
 
-def draw_render(app: Any) -> None:
+def draw_render(app: App) -> None:
     """Draw the content of the window "Render"."""
     widgets.end_finished_gesture(app)
     if app.document is None:
@@ -43,7 +44,7 @@ def draw_render(app: Any) -> None:
 # --- settings ---------------------------------------------------------------------------------------------------------
 
 
-def _draw_switch(app: Any) -> None:
+def _draw_switch(app: App) -> None:
     """6 | 14, large. Another number, set under "More", has a place of its own between."""
     now = app.document.settings.coefficients
     plain = app.document.settings.transmittance == "march"
@@ -86,14 +87,14 @@ def _centred(text: str, lo: ImVec2, hi: ImVec2, height: float, color: Any, scale
     imgui.pop_font()
 
 
-def _set(app: Any, knob: Knob, value: Any) -> None:
+def _set(app: App, knob: Knob, value: Any) -> None:
     app.edit(f"Set {knob.label.lower()}", lambda scene: scene.set_setting(knob.name, value))
 
 
 _authored: tuple[Any, dict[str, Any]] = (None, {})
 
 
-def _authored_settings(app: Any) -> dict[str, Any]:
+def _authored_settings(app: App) -> dict[str, Any]:
     """What the stage says without the edits; read again when the document moved."""
     global _authored
     document = app.document
@@ -103,7 +104,7 @@ def _authored_settings(app: Any) -> dict[str, Any]:
     return _authored[1]
 
 
-def _draw_setting(app: Any, knob: Knob) -> None:
+def _draw_setting(app: App, knob: Knob) -> None:
     document = app.document
     hint = ""
     plan = app.picture.plan
@@ -123,7 +124,7 @@ def _draw_setting(app: Any, knob: Knob) -> None:
 # --- display ----------------------------------------------------------------------------------------------------------
 
 
-def _draw_display(app: Any) -> None:
+def _draw_display(app: App) -> None:
     view = app.view
     exposure = VIEW_BY_NAME["view_exposure"]
 
@@ -175,7 +176,7 @@ def _draw_ocio(view: Any) -> None:
 # --- compare and inspect ----------------------------------------------------------------------------------------------
 
 
-def _draw_compare(app: Any) -> None:
+def _draw_compare(app: App) -> None:
     view = app.view
     width = widgets.label_row("Show", "Off: one picture. Wipe: two, with a divider to drag. Error: their difference.")
     picked = widgets.segments("compare", ("off", "wipe", "error"), ("Off", "Wipe", "Error"), view.compare, width)
@@ -202,7 +203,7 @@ def _draw_compare(app: Any) -> None:
         dim("The other picture is being drawn…")
 
 
-def _draw_inspect(app: Any) -> None:
+def _draw_inspect(app: App) -> None:
     view = app.view
     on = view.inspecting
     if on:

@@ -10,6 +10,7 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..description import Note, SceneDescription
 from ..render.plan import Plan
+from .app import App
 from .theme import ACCENT, DIM, ERROR, FRAME, GOOD, TEXT, WARNING, Rgba, close_on_escape, em, packed, tooltip
 
 #: Colours and names of the kinds of passes, in the order of a frame.
@@ -88,7 +89,7 @@ def voxel_count(description: SceneDescription) -> int:
     return sum(counted.values())
 
 
-def warnings(app: Any) -> tuple[Note, ...]:
+def warnings(app: App) -> tuple[Note, ...]:
     """What stage and plan have to say, each once."""
     notes: list[Note] = list(app.document.description.notes) if app.document is not None else []
     plan: Plan | None = app.picture.plan
@@ -97,7 +98,7 @@ def warnings(app: Any) -> tuple[Note, ...]:
     return tuple(dict.fromkeys(notes))
 
 
-def draw_status(app: Any) -> None:
+def draw_status(app: App) -> None:
     """Draw the content of the status line."""
     if app.document is None:
         imgui.text_disabled("Open a stage (Ctrl+O) or drop one here")
@@ -166,7 +167,7 @@ def _draw_bar(times: Mapping[str, float]) -> None:
     imgui.end_tooltip()
 
 
-def _draw_progress(app: Any, room: float) -> None:
+def _draw_progress(app: App, room: float) -> None:
     picture = app.picture
     if imgui.get_item_rect_max().x + em(8.0) > room:
         return
@@ -203,20 +204,20 @@ def _draw_contents(description: SceneDescription, room: float) -> None:
     _part(text, "On the stage\n" + "\n".join(lines), room=room)
 
 
-def _right_texts(app: Any) -> tuple[str, str]:
+def _right_texts(app: App) -> tuple[str, str]:
     """The window's own rate, and the warnings in short."""
     count = len(warnings(app)) + bool(app.document.error)
     label = f"{icons_fontawesome.ICON_FA_EXCLAMATION_TRIANGLE} {count}" if count else "no warnings"
     return duration(app.frames.median), label
 
 
-def _right(app: Any) -> float:
+def _right(app: App) -> float:
     """Screen position where the right part begins."""
     size = imgui.calc_text_size("".join(_right_texts(app))).x + em(1.4)
     return imgui.get_window_pos().x + imgui.get_window_width() - size - imgui.get_style().window_padding.x
 
 
-def _draw_right(app: Any, begin: float) -> None:
+def _draw_right(app: App, begin: float) -> None:
     """At the right end: the window's own rate, and the warnings."""
     notes = warnings(app)
     error = app.document.error
@@ -242,7 +243,7 @@ def _draw_right(app: Any, begin: float) -> None:
         imgui.end_popup()
 
 
-def _draw_warnings(app: Any, notes: tuple[Note, ...], error: str) -> None:
+def _draw_warnings(app: App, notes: tuple[Note, ...], error: str) -> None:
     imgui.push_text_wrap_pos(em(42))
     if error:
         imgui.text_colored(ImVec4(*ERROR), "The stage as it is now cannot be shown; this is its last good state.")

@@ -7,6 +7,7 @@ from typing import Any
 
 from imgui_bundle import ImVec2, icons_fontawesome, imgui
 
+from .app import App
 from .theme import ACCENT, ANIMATED, DIM, FRAME, TEXT, dim, em, packed, tooltip
 
 #: Distances of the labelled ticks, times powers of ten.
@@ -23,7 +24,7 @@ def tick_step(span: float, room: float) -> float:
     return max(step, 1.0)
 
 
-def draw_timeline(app: Any) -> None:
+def draw_timeline(app: App) -> None:
     """Draw the content of the window "Timeline"."""
     document = app.document
     if document is None:
@@ -56,7 +57,7 @@ def draw_timeline(app: Any) -> None:
 _ENTER = int(imgui.InputTextFlags_.enter_returns_true | imgui.InputTextFlags_.auto_select_all)
 
 
-def _buttons(app: Any) -> None:
+def _buttons(app: App) -> None:
     size = ImVec2(em(1.9), 0.0)
     play = icons_fontawesome.ICON_FA_PAUSE if app.view.playing else icons_fontawesome.ICON_FA_PLAY
     for i, (name, icon, hint) in enumerate(
@@ -73,7 +74,7 @@ def _buttons(app: Any) -> None:
         tooltip(hint)
 
 
-def _scrub(app: Any, width: float) -> None:
+def _scrub(app: App, width: float) -> None:
     """The slider of time: press or drag to go there, whole frames from the first on."""
     document = app.document
     span = document.time_range

@@ -15,6 +15,7 @@ from typing import Any
 from imgui_bundle import ImVec2, icons_fontawesome, imgui
 
 from ..description import Color
+from .app import App
 from .knobs import Knob, chroma, decoded, encoded, magnitude, number, scaled
 from .theme import (
     ACCENT,
@@ -99,7 +100,7 @@ class _Interaction:
 _now = _Interaction()
 
 
-def end_finished_gesture(app: Any) -> None:
+def end_finished_gesture(app: App) -> None:
     """Close the undo entry of a drag that is over. Every panel calls this before its first knob."""
     if _now.gesture and not imgui.is_any_item_active():
         _now.gesture = ""
@@ -111,7 +112,7 @@ def forget_colors() -> None:
     _now.chroma.clear()
 
 
-def _write_held(app: Any, knob: Knob, binding: Binding, value: Any) -> None:
+def _write_held(app: App, knob: Knob, binding: Binding, value: Any) -> None:
     """Author a value while the widget is held: all of them are one undo entry."""
     if binding.undoable and _now.gesture != knob.name:
         app.begin(binding.action or f"Change {knob.label.lower()}")
@@ -119,7 +120,7 @@ def _write_held(app: Any, knob: Knob, binding: Binding, value: Any) -> None:
     binding.write(value)
 
 
-def draw(app: Any, knob: Knob, binding: Binding, reserve: float = 0.0) -> None:
+def draw(app: App, knob: Knob, binding: Binding, reserve: float = 0.0) -> None:
     """One row: mark, label, control. `reserve` pixels at its end are left free."""
     width = max(row(knob, binding) - reserve, em(2.0))
     if knob.kind == "color":
@@ -249,7 +250,7 @@ def _as_text(knob: Knob, value: Any) -> str:
 # --- numbers ----------------------------------------------------------------------------------------------------------
 
 
-def _slider(app: Any, knob: Knob, binding: Binding, width: float) -> None:
+def _slider(app: App, knob: Knob, binding: Binding, width: float) -> None:
     """A number: the frame fills with the value."""
     if _typing(knob, binding, width):
         return
@@ -470,7 +471,7 @@ def segments(name: str, values: Any, labels: Any, value: Any, width: float, heig
 # --- colours ----------------------------------------------------------------------------------------------------------
 
 
-def _color(app: Any, knob: Knob, binding: Binding, width: float) -> None:
+def _color(app: App, knob: Knob, binding: Binding, width: float) -> None:
     """A colour: a swatch of its chroma that opens a picker, and a slider of its largest channel, which may exceed 1."""
     color: Color = binding.value
     shown = chroma(color, _now.chroma.get(knob.name, (1.0, 1.0, 1.0)))
@@ -502,7 +503,7 @@ def _color(app: Any, knob: Knob, binding: Binding, width: float) -> None:
     _menu(knob, binding, f"{knob.name}_menu")
 
 
-def _write_color(app: Any, knob: Knob, binding: Binding, color: Color) -> None:
+def _write_color(app: App, knob: Knob, binding: Binding, color: Color) -> None:
     if magnitude(binding.value) > 0.0:
         _now.chroma[knob.name] = chroma(binding.value)
     color = knob.clamped(color)
@@ -518,7 +519,7 @@ def paint_swatch(color: Color) -> None:
     paint.add_rect(lo, hi, packed(TEXT if imgui.is_item_hovered() else DIM, 0.6), rounding)
 
 
-def _picker(app: Any, knob: Knob, binding: Binding, shown: Color) -> None:
+def _picker(app: App, knob: Knob, binding: Binding, shown: Color) -> None:
     """The popup of a swatch: the chroma by wheel, the channels as numbers."""
     flags = imgui.ColorEditFlags_
     options = flags.picker_hue_wheel | flags.no_inputs | flags.no_side_preview | flags.no_alpha | flags.no_label

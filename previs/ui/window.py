@@ -73,7 +73,7 @@ def run(start: Start, test: Callable[[Any, Any], None] | None = None) -> None:
 
     from .runner import Runner
 
-    _choose_platform()
+    choose_platform()
     runner = Runner(start)
     parameters, add_ons = runner.parameters()
     try:
@@ -99,7 +99,12 @@ def run(start: Start, test: Callable[[Any, Any], None] | None = None) -> None:
         raise runner.failure
 
 
-def _choose_platform() -> None:
+def choose_platform() -> None:
+    """Start GLFW on the display, or on the null platform where `PLATFORM_VARIABLE` asks for it.
+
+    Raises:
+        PrevisError: when the display cannot be reached.
+    """
     # After imgui_bundle, whose own GLFW library the glfw package then takes: two of them would not know of each other.
     import glfw
 

@@ -213,10 +213,10 @@ def write_large(folder: Path) -> str:
 def main() -> int:
     from imgui_bundle import immapp
 
-    from previs.ui.window import _choose_platform
+    from previs.ui.window import choose_platform
 
     path = sys.argv[1]
-    _choose_platform()
+    choose_platform()
     runner = Runner(Start(path=path, size=(1280, 720)))
     parameters, add_ons = runner.parameters()
     measurement = Measurement(runner, path, write_large(Path(tempfile.mkdtemp(prefix="previs-measure-"))))

@@ -30,7 +30,7 @@ def test_where_they_are(monkeypatch, tmp_path):
 def test_a_first_start_has_the_defaults_and_leaves_no_trace(tmp_path):
     folder = tmp_path / "new"
     preferences = Preferences.load(folder)
-    assert (preferences.recent, preferences.exposure, preferences.gate_mask) == ([], 0.0, True)
+    assert (preferences.recent, preferences.ocio_display, preferences.gate_mask) == ([], "", True)
     assert preferences.problem == ""
     preferences.save()
     assert not folder.exists()
@@ -38,7 +38,7 @@ def test_a_first_start_has_the_defaults_and_leaves_no_trace(tmp_path):
 
 def test_values_survive(tmp_path):
     preferences = Preferences.load(tmp_path)
-    preferences.exposure = -1.5
+    preferences.ocio_display = "monitor"
     preferences.gate_mask = False
     preferences.ocio_view = "Ünïcode ✓"
     preferences.add_recent(tmp_path / "a.usda")
@@ -47,7 +47,7 @@ def test_values_survive(tmp_path):
     assert again == preferences
     assert again.recent == [str(tmp_path / "a.usda")]
     # Only what differs from the defaults is kept: they may change for those who never chose.
-    assert set(json.loads(again.path.read_text())) == {"exposure", "gate_mask", "ocio_view", "recent"}
+    assert set(json.loads(again.path.read_text())) == {"ocio_display", "gate_mask", "ocio_view", "recent"}
     again.gate_mask = True
     again.save()
     assert "gate_mask" not in json.loads(again.path.read_text())
@@ -70,14 +70,14 @@ def test_recent_files(tmp_path, monkeypatch):
 
 def test_two_processes_do_not_undo_each_other(tmp_path):
     one, two = Preferences.load(tmp_path), Preferences.load(tmp_path)
-    one.exposure = 2.0
+    one.ocio_display = "two"
     one.add_recent("/one.usda")
     one.save()
     two.gate_mask = False
     two.add_recent("/two.usda")
     two.save()
     again = Preferences.load(tmp_path)
-    assert (again.exposure, again.gate_mask) == (2.0, False)
+    assert (again.ocio_display, again.gate_mask) == ("two", False)
     assert again.recent == [os.path.abspath("/two.usda"), os.path.abspath("/one.usda")]
     # What one has forgotten does not come back from the file.
     two.forget_recent("/one.usda")
@@ -86,29 +86,29 @@ def test_two_processes_do_not_undo_each_other(tmp_path):
 
 
 def test_what_a_newer_version_wrote_stays(tmp_path):
-    (tmp_path / "preferences.json").write_text('{"from_the_future": [1, {"a": null}], "exposure": 1}')
+    (tmp_path / "preferences.json").write_text('{"from_the_future": [1, {"a": null}], "ocio_display": "one"}')
     preferences = Preferences.load(tmp_path)
-    assert (preferences.exposure, preferences.problem) == (1.0, "")
-    preferences.exposure = 3.0
+    assert (preferences.ocio_display, preferences.problem) == ("one", "")
+    preferences.ocio_display = "three"
     preferences.save()
-    assert json.loads(preferences.path.read_text()) == {"from_the_future": [1, {"a": None}], "exposure": 3.0}
+    assert json.loads(preferences.path.read_text()) == {"from_the_future": [1, {"a": None}], "ocio_display": "three"}
 
 
 @pytest.mark.parametrize(
     "content",
-    [b"", b"{", b"[1, 2]", b"null", b'"text"', b"\xff\xfe\x00", b"\0" * 100, b"[" * 100_000, b'{"exposure": 1'],
+    [b"", b"{", b"[1, 2]", b"null", b'"text"', b"\xff\xfe\x00", b"\0" * 100, b"[" * 100_000, b'{"ocio_display": "one"'],
     ids=range(9),
 )
 def test_damaged_files_are_set_aside(tmp_path, content):
     path = tmp_path / "preferences.json"
     path.write_bytes(content)
     preferences = Preferences.load(tmp_path)
-    assert preferences.exposure == 0.0
+    assert preferences.ocio_display == ""
     assert "damaged" in preferences.problem and "\n" not in preferences.problem
     assert (tmp_path / "preferences.json.damaged").read_bytes() == content
-    preferences.exposure = 1.0
+    preferences.ocio_display = "one"
     preferences.save()
-    assert Preferences.load(tmp_path).exposure == 1.0
+    assert Preferences.load(tmp_path).ocio_display == "one"
     assert Preferences.load(tmp_path).problem == ""
     # A second one does not replace the first.
     path.write_bytes(b"again")
@@ -120,10 +120,10 @@ def test_damaged_files_are_set_aside(tmp_path, content):
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("exposure", "1"),
-        ("exposure", True),
-        ("exposure", float("nan")),
-        ("exposure", float("inf")),
+        ("recent", "1"),
+        ("ocio_display", True),
+        ("ocio_display", float("nan")),
+        ("ocio_view", float("inf")),
         ("color_correction", 1),
         ("ocio_display", None),
         ("recent", "a.usda"),
@@ -148,7 +148,7 @@ def test_a_value_of_the_wrong_kind_is_the_default(tmp_path, name, value):
 def test_a_folder_that_cannot_be_written_is_an_error_in_words(tmp_path):
     (tmp_path / "file").write_text("")
     preferences = Preferences.load(tmp_path / "file" / "folder")
-    preferences.exposure = 1.0
+    preferences.ocio_display = "one"
     with pytest.raises(previs.PrevisError, match=r"preferences\.json: preferences cannot be saved") as error:
         preferences.save()
     assert "\n" not in str(error.value)
