@@ -19,7 +19,7 @@ from building import (
     volume,
 )
 from cases import CONVERGED, EDGES, FRONT, GRID, ROTATED, SIDE, TURNED, Case, fog
-from reference_scene import reference_image
+from previs.bench.reference_scene import reference_image
 
 import previs
 from previs import Settings, metrics

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from building import index_of
 from cases import CASES, CONVERGED, Case
-from reference_scene import reference_image
+from previs.bench.reference_scene import reference_image
 
 import previs
 from previs import Settings, metrics

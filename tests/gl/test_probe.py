@@ -20,7 +20,7 @@ from building import (
     translation,
     volume,
 )
-from reference_scene import reference_scene
+from previs.bench.reference_scene import reference_scene
 
 import previs
 from previs import reference as ref

@@ -18,7 +18,7 @@ from building import (
     translation,
     volume,
 )
-from reference_scene import reference_camera
+from previs.bench.reference_scene import reference_camera
 
 from previs import Medium
 from previs.description import Camera, Shaping, box_corners

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from previs import blackbody
-from previs import reference as ref
-from previs.description import (
+from .. import blackbody
+from .. import reference as ref
+from ..description import (
     Box,
     Camera,
     Capsule,
@@ -16,15 +16,21 @@ from previs.description import (
     Volume,
     transform_points,
 )
-from previs.settings import Settings
+from ..settings import Settings
 
 
 def reference_camera(camera: Camera, width: int, height: int) -> ref.Camera:
+    """The camera with its aspect conformed to an image of that many pixels."""
     conformed = camera.conformed(width / height)
     return ref.Camera(camera.camera_to_world, camera.projection, conformed.window(), camera.clipping_range)
 
 
 def reference_scene(scene: SceneDescription, settings: Settings | None = None) -> ref.Scene:
+    """The scene; of the settings the ambient light counts.
+
+    Raises:
+        ValueError: for what the reference does not model: colours per vertex, specular surfaces.
+    """
     ambient = np.full(3, (settings or Settings()).ambient)
     for light in scene.lights.values():
         if light.kind == "dome":
@@ -117,7 +123,8 @@ def _light(light: Light) -> ref.DistantLight | ref.PointLight:
 
 
 def _solid(mesh: Mesh) -> ref.Triangles:
-    assert mesh.geometry.colors is None and not mesh.surface.specular, "the reference has one Lambertian per mesh"
+    if mesh.geometry.colors is not None or mesh.surface.specular:
+        raise ValueError(f"{mesh.path}: the reference has one Lambertian colour per mesh")
     corners = [
         transform_points(mesh.geometry.points[mesh.geometry.triangles].reshape(-1, 3), matrix).reshape(-1, 3, 3)
         for matrix in mesh.local_to_world
