@@ -19,10 +19,10 @@ from building import (
     volume,
 )
 from cases import CONVERGED, EDGES, FRONT, GRID, ROTATED, SIDE, TURNED, Case, fog
-from previs.bench.reference_scene import reference_image
 
 import previs
 from previs import Settings, metrics
+from previs.bench.reference_scene import reference_image
 from previs.description import SceneDescription
 
 pytestmark = pytest.mark.gl

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from building import index_of
 from cases import CASES, CONVERGED, Case
-from previs.bench.reference_scene import reference_image
 
 import previs
 from previs import Settings, metrics
+from previs.bench.reference_scene import reference_image
 
 pytestmark = pytest.mark.gl
 

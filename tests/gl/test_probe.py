@@ -20,10 +20,10 @@ from building import (
     translation,
     volume,
 )
-from previs.bench.reference_scene import reference_scene
 
 import previs
 from previs import reference as ref
+from previs.bench.reference_scene import reference_scene
 from previs.description import Light, Medium, SceneDescription, volume_world_bounds
 from previs.render import probe as probe_module
 from previs.render.probe import ProbeCurve, TransmittanceProbe, probe

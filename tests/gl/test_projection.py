@@ -18,9 +18,9 @@ from building import (
     translation,
     volume,
 )
-from previs.bench.reference_scene import reference_camera
 
 from previs import Medium
+from previs.bench.reference_scene import reference_camera
 from previs.description import Camera, Shaping, box_corners
 from previs.render.projection import (
     CUBE_FACES,
