@@ -11,7 +11,7 @@
 #include "include/emission.glsl"
 #endif
 
-in vec2 uv;
+#include "include/pixel.glsl"
 
 layout(location = 0) out vec4 out_scattered;
 layout(location = 1) out vec4 out_transmittance;
@@ -165,7 +165,11 @@ void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
 }
 
 void main() {
-    ray = camera_ray(uv);
+    vec2 position = picture_position();
+#if SCATTERED_PIXELS
+    if (position.x < 0.0) return;
+#endif
+    ray = camera_ray(position);
     vec2 visible = camera_range(ray);
 #if HAS_MESHES
     visible.y = min(visible.y, texelFetch(gbuffer_normal_distance, ivec2(gl_FragCoord.xy), 0).w);

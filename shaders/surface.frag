@@ -4,7 +4,7 @@
 #include "include/camera.glsl"
 #include "include/transmittance.glsl"
 
-in vec2 uv;
+#include "include/pixel.glsl"
 
 uniform sampler2D gbuffer_normal_distance;
 uniform sampler2D gbuffer_diffuse_roughness;
@@ -35,7 +35,7 @@ void main() {
     vec4 geometry = texelFetch(gbuffer_normal_distance, ivec2(gl_FragCoord.xy), 0);
     radiance = vec4(0.0);
     if (geometry.w >= background_distance) return;
-    Ray ray = camera_ray(uv);
+    Ray ray = camera_ray(picture_position());
     vec3 position = ray.anchor + geometry.w * ray.direction;
     vec3 n = geometry.xyz;
     vec4 diffuse = texelFetch(gbuffer_diffuse_roughness, ivec2(gl_FragCoord.xy), 0);

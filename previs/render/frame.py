@@ -33,6 +33,7 @@ UNITS = {
     "temperature_atlas": 12,
     "emission_atlas": 13,
     "blackbody_table": 14,
+    "scattered_pixels": 15,
     "previous_scattered": 9,
     "previous_transmittance": 10,
     "previous_emission": 11,
@@ -94,6 +95,7 @@ class Frame:
         self._packed: dict[tuple[str, int], bytes] = {}
         self._buffers: dict[int, moderngl.Buffer] = {}
         self._blackbody: moderngl.Texture | None = None
+        self._pixels: tuple[tuple[str, int], moderngl.Texture] | None = None
 
     @property
     def plan(self) -> Plan:
@@ -139,6 +141,26 @@ class Frame:
             camera_direction=np.asarray(rays.direction, np.float32).tobytes(),
             camera_depths=(rays.anchor_depth, rays.near, rays.far),
         )
+
+    def bind_pixels(self, program: Program) -> None:
+        """Set the uniforms of pixel.glsl where the plan draws scattered pixels."""
+        plan = self.plan
+        if plan.pixels is None:
+            return
+        key = (plan.pixels.key, plan.height)
+        if self._pixels is None or self._pixels[0] != key:
+            if self._pixels is not None:
+                self._pixels[1].release()
+            texture = self.context.texture(plan.target_size, 2, plan.pixels.texels(plan.height).tobytes(), dtype="f4")
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+            self._pixels = (key, texture)
+        self.bind(scattered_pixels=self._pixels[1])
+        program.set(image_size=(plan.width, plan.height))
+
+    @property
+    def geometry(self) -> list[moderngl.Texture]:
+        """The G-buffer of what the plan draws."""
+        return self.targets["gbuffer" if self.plan.pixels is None else "gather"].color_attachments
 
     def bind_lighting(self, program: Program, batch: range) -> None:
         """Give a program everything that lights.glsl, medium.glsl and transmittance.glsl read, for one batch of
@@ -239,5 +261,8 @@ class Frame:
         if self._blackbody is not None:
             self._blackbody.release()
         self._blackbody = None
+        if self._pixels is not None:
+            self._pixels[1].release()
+        self._pixels = None
         if not self.shared.users:
             self.shared.release()

@@ -42,8 +42,9 @@ from .projection import (
     render_origin,
     shadow_fit,
 )
+from .scattered import ScatteredPixels
 
-PassKind = Literal["fields", "shadow_map", "transmittance_map", "gbuffer", "surface", "march", "composite"]
+PassKind = Literal["fields", "shadow_map", "transmittance_map", "gbuffer", "gather", "surface", "march", "composite"]
 
 Atlases = tuple[AtlasLayout | None, AtlasLayout | None]
 
@@ -163,6 +164,12 @@ class Plan:
     defines: Mapping[str, Any]
     passes: tuple[PlannedPass, ...]
     notes: tuple[Note, ...] = field(default=())
+    pixels: ScatteredPixels | None = None
+
+    @property
+    def target_size(self) -> tuple[int, int]:
+        """(width, height) of what is drawn into: the picture's, or that of the scattered pixels."""
+        return (self.width, self.height) if self.pixels is None else self.pixels.target_size
 
     def describe(self) -> str:
         """The plan as text: a line per pass with its reason, resolution and memory."""
@@ -197,6 +204,7 @@ def make_plan(
     shift: tuple[float, float] = (0.0, 0.0),
     limits: DeviceLimits | None = None,
     atlases: Atlases = (None, None),
+    pixels: ScatteredPixels | None = None,
 ) -> Plan:
     """Plan one frame.
 
@@ -209,6 +217,7 @@ def make_plan(
         limits: of the device; None takes the defaults.
         atlases: the layouts of transmittance maps and of shadow maps in the plan before, so that maps stay in their
             place.
+        pixels: those to draw; None draws the picture.
 
     Raises:
         PrevisError: when the scene holds more volumes than a frame can march through.
@@ -278,7 +287,11 @@ def make_plan(
 
     batches, slices = _draws(records, len(lights), settings, limits)
     view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
+    target = (width, height) if pixels is None else pixels.target_size
+    texels = math.prod(target)
+    chosen = pixels and pixels.key
     defines = _defines(records, planned_lights, len(batches[0]), meshes, ambient, settings)
+    defines["SCATTERED_PIXELS"] = pixels is not None
     shadow_passes = tuple(p.name for p in passes if p.kind == "shadow_map")
     map_passes = tuple(p.name for p in passes if p.kind == "transmittance_map")
     field_passes = ("fields",) if fields else ()
@@ -298,17 +311,21 @@ def make_plan(
                 (view, shapes, settings.read_by("gbuffer")),
             )
         )
+        if pixels is not None:
+            why = f"what the camera sees of the meshes at {_count(len(pixels), 'pixel')}"
+            passes.append(PlannedPass("gather", "gather", why, target, texels * 40, chosen, ("gbuffer",)))
         passes.append(
             PlannedPass(
                 "surface",
                 "surface",
                 f"light on the meshes from {_count(len(lights), 'light')}",
-                (width, height),
-                width * height * 16,
+                target,
+                texels * 16,
                 (lit_by, media_light, ambient, settings.read_by("surface")),
-                ("gbuffer", *shadow_passes, *field_passes, *map_passes),
+                (passes[-1].name, *shadow_passes, *field_passes, *map_passes),
             )
         )
+    geometry = () if not meshes else ("gbuffer",) if pixels is None else ("gather",)
     if records:
         media = tuple((e.record.path, e.versions["placement"], e.versions["scattering"]) for e in volumes)
         why = f"{_count(len(records), 'volume')}, {_count(len(lights), 'light')}"
@@ -326,10 +343,10 @@ def make_plan(
                 "march",
                 "march",
                 why,
-                (width, height),
-                width * height * (48 if defines["HAS_EMISSION"] else 32) * (2 if len(batches) * len(slices) > 1 else 1),
-                (view, media, lit_by, ambient, settings.read_by("march")),
-                (*(("gbuffer",) if meshes else ()), *shadow_passes, *field_passes, *map_passes),
+                target,
+                texels * (48 if defines["HAS_EMISSION"] else 32) * (2 if len(batches) * len(slices) > 1 else 1),
+                (view, chosen, media, lit_by, ambient, settings.read_by("march")),
+                (*geometry, *shadow_passes, *field_passes, *map_passes),
             )
         )
     passes.append(
@@ -337,9 +354,9 @@ def make_plan(
             "composite",
             "composite",
             "media over surfaces",
-            (width, height),
-            width * height * 16,
-            (width, height),
+            target,
+            texels * 16,
+            target,
             (*(("surface",) if meshes else ()), *(("march",) if records else ())),
         )
     )
@@ -365,6 +382,7 @@ def make_plan(
         defines=defines,
         passes=tuple(passes),
         notes=tuple(notes),
+        pixels=pixels,
     )
 
 

@@ -20,6 +20,7 @@ from .fields import field_dims
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
 from .plan import Atlases, DeviceLimits, Plan, PlannedPass, make_plan
+from .scattered import ScatteredPixels
 from .shader import ShaderError
 
 #: Components of a texel by what a field is used for.
@@ -119,9 +120,10 @@ class Renderer:
         height: int,
         settings: Settings,
         shift: tuple[float, float] = (0.0, 0.0),
+        pixels: ScatteredPixels | None = None,
     ) -> Plan:
         """The plan of a frame on this device, of one sample per pixel; see `make_plan`, and `sample_shifts`."""
-        return make_plan(index, camera, width, height, settings, shift, self.limits, self._atlases)
+        return make_plan(index, camera, width, height, settings, shift, self.limits, self._atlases, pixels)
 
     def render(
         self,
@@ -360,6 +362,22 @@ class Renderer:
         if plan is not self._finished and (stale := self.stale(plan)):
             raise PrevisError(f"{stale[0]}: not drawn yet")
         return self._read(plan)
+
+    def scattered(self, plan: Plan) -> np.ndarray:
+        """Read back the scattered pixels that were drawn for a plan: colour and alpha, (N, 4) float32.
+
+        Args:
+            plan: the plan that was drawn last, to its end; it has `pixels`.
+
+        Raises:
+            PrevisError: when the plan is not what was drawn.
+        """
+        if plan.pixels is None or plan is not self._finished:
+            raise PrevisError("scattered pixels: not drawn yet")
+        width, height = plan.target_size
+        with self.context:
+            data = self._frame.targets["composite"].read(components=4, dtype="f4")
+        return np.frombuffer(data, np.float32).reshape(height, width, 4)[plan.pixels.places]
 
     def image(self, plan: Plan, times: Mapping[str, float] | None = None, samples: Samples | None = None) -> Image:
         """The picture that was drawn for a plan.

@@ -14,6 +14,7 @@ from ..frame import Frame
 from ..plan import PassKind, PlannedPass
 from .composite import run_composite
 from .fields import run_fields
+from .gather import run_gather
 from .gbuffer import run_gbuffer
 from .march import run_march
 from .shadow_map import run_shadow_map
@@ -25,6 +26,7 @@ RUNNERS: dict[PassKind, Callable[[Frame, PlannedPass], Iterator[float]]] = {
     "shadow_map": run_shadow_map,
     "transmittance_map": run_transmittance_map,
     "gbuffer": run_gbuffer,
+    "gather": run_gather,
     "surface": run_surface,
     "march": run_march,
     "composite": run_composite,

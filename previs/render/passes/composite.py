@@ -13,7 +13,7 @@ from ..plan import PlannedPass
 def run_composite(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Put scattered and emitted light over the attenuated surfaces, and compute alpha."""
     plan = frame.plan
-    framebuffer = frame.targets.get("composite", (plan.width, plan.height), ("f4",))
+    framebuffer = frame.targets.get("composite", plan.target_size, ("f4",))
     framebuffer.use()
     program = frame.shaders.get(
         "fullscreen.vert",

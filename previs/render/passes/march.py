@@ -13,7 +13,7 @@ from ..plan import PlannedPass, projective_minimum
 def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """March all pixels: a batch of lights at a time, each in as many slices of the rays as the plan asks for."""
     plan = frame.plan
-    size = (plan.width, plan.height)
+    size = plan.target_size
     formats = ("f4", "f4", "f4") if plan.defines["HAS_EMISSION"] else ("f4", "f4")
     draws = [(batch, part) for batch in plan.batches for part in plan.slices]
     program = frame.fullscreen("march.frag", RESUMES=len(draws) > 1)
@@ -27,6 +27,7 @@ def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
         for piece in frame.pieces((("march", number), plan.settings.read_by("march")), size, *done):
             with piece:
                 frame.bind_camera(program)
+                frame.bind_pixels(program)
                 program.set(
                     opacity_cutoff=plan.settings.opacity_cutoff,
                     projective_minimum=projective_minimum(plan.settings),
@@ -35,7 +36,7 @@ def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
                     first_slice=part is plan.slices[0],
                 )
                 if plan.meshes:
-                    frame.bind(gbuffer_normal_distance=frame.targets["gbuffer"].color_attachments[0])
+                    frame.bind(gbuffer_normal_distance=frame.geometry[0])
                 if plan.defines["HAS_EMISSION"]:
                     frame.bind_emission(program)
                 frame.bind_lighting(program, batch)

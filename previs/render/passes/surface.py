@@ -13,16 +13,17 @@ from ..plan import PlannedPass
 def run_surface(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Light what is in the G-buffer, a batch of lights at a time."""
     plan = frame.plan
-    size = (plan.width, plan.height)
+    size = plan.target_size
     framebuffer = frame.targets.get("surface", size, ("f4",))
     program = frame.fullscreen("surface.frag")
-    normal, albedo, specular, emissive = frame.targets["gbuffer"].color_attachments
+    normal, albedo, specular, emissive = frame.geometry
     parts = len(plan.batches)
     kind = plan.settings.read_by("surface")
     for number, batch in enumerate(plan.batches):
         for piece in frame.pieces((("surface", number), kind), size, number / parts, (number + 1) / parts):
             with piece:
                 frame.bind_camera(program)
+                frame.bind_pixels(program)
                 program.set(background_distance=0.5 * BACKGROUND_DISTANCE)
                 frame.bind(
                     gbuffer_normal_distance=normal,
