@@ -91,15 +91,16 @@ TABLE: tuple[Setting, ...] = (
         "transmittance",
         "tfm",
         "How light is attenuated on its way into the media: tfm, adaptive transmittance function maps [ATFM12]; "
-        "tfm-plain, the maps of [TFM11]; march, a brute-force march towards every light (the reference).",
+        "tfm-plain, the maps of [TFM11]; legendre, adaptive maps of Legendre polynomials; quantile, maps of the depths "
+        "at which the transmittance crosses fixed levels; march, a brute-force march towards every light.",
         ("transmittance_map", "surface", "march"),
-        choices=("tfm", "tfm-plain", "march"),
+        choices=("tfm", "tfm-plain", "legendre", "quantile", "march"),
         flag="--transmittance",
     ),
     Setting(
         "coefficients",
         6,
-        "Cosine coefficients stored per texel of a transmittance map: 6 is interactive, 14 high quality.",
+        "Values stored per texel of a transmittance map, coefficients or depths: 6 is interactive, 14 high quality.",
         ("transmittance_map", "surface", "march"),
         minimum=2,
         maximum=16,
@@ -121,7 +122,7 @@ TABLE: tuple[Setting, ...] = (
         "light_steps",
         0,
         "Steps of a light ray across the longest diagonal of a volume, when a map is filled or light is marched; "
-        "0 takes one per voxel and at least 256.",
+        "0 takes one per voxel and at least 256 in a map, and marches exactly, from voxel to voxel.",
         ("transmittance_map", "surface", "march"),
         minimum=1,
         maximum=16384,
@@ -140,16 +141,19 @@ TABLE: tuple[Setting, ...] = (
     ),
     Setting(
         "threshold",
-        0.01,
-        "Transmittance below which the adaptive range of a map ends, judged for the weakest colour channel [ATFM12].",
+        0.0,
+        "Transmittance below which the adaptive range of a map ends, judged for the weakest colour channel [ATFM12]. "
+        "0 takes 0.01, and 1e-6 for a light inside the volume.",
         ("transmittance_map",),
         minimum=1e-6,
         maximum=0.5,
+        automatic=True,
     ),
     Setting(
         "density_weighting",
         0.0,
-        "Exponent alpha of [TFM11] section 6.2: maps hold T^(1/alpha). 0 takes 1 for tfm-plain and 2 for tfm.",
+        "Exponent alpha of [TFM11] section 6.2: maps hold T^(1/alpha). 0 takes 1 for tfm-plain, 2 for the others, more "
+        "for a light inside the volume and for channels that differ more.",
         ("transmittance_map",),
         minimum=1.0,
         maximum=64.0,
@@ -158,10 +162,17 @@ TABLE: tuple[Setting, ...] = (
     Setting(
         "map_filter",
         "blend",
-        "How tfm looks between texels: blend evaluates the four neighbours and blends their transmittance, "
-        "nearest takes one.",
+        "How adaptive maps look between texels: blend evaluates the four neighbours and blends their transmittance; "
+        "stochastic takes one of them at random, by how near it is; nearest takes the nearest.",
         ("surface", "march"),
-        choices=("blend", "nearest"),
+        choices=("blend", "stochastic", "nearest"),
+    ),
+    Setting(
+        "map_storage",
+        "half",
+        "How quantile stores its depths: half floats, or a byte each, packed with the range into one texel.",
+        ("transmittance_map", "surface", "march"),
+        choices=("half", "byte"),
     ),
     Setting(
         "shadow_map_size",

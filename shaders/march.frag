@@ -1,7 +1,8 @@
 // Single scattering along a view ray, front to back [TFM11 eq. 4]:
 //   L = int T(0, t) [ sum_v sigma_s,v (sum_lights p_v L_i V T_light + ambient) + sigma_a,v L_e,v ] dt
-// Steps end on the bounds of the volumes and on the surface. Inside a step the medium is constant and the exponential is taken
-// analytically; the light is evaluated where the step's extinction has its centroid.
+// Steps end on the bounds of the volumes and on the surface. Density is read at their ends and linear between; the exponential is
+// taken analytically, and the light evaluated where the step's extinction has its centroid. A step of more than DEEP_STEP optical depth
+// is cut into several, so that the front of a dense medium is resolved however few steps a ray takes.
 
 #include "include/phase.glsl"
 #include "include/integrate.glsl"
@@ -28,6 +29,10 @@ uniform float opacity_cutoff;
 uniform int projective_minimum;  // steps that a ray takes through the cone at the least
 #endif
 uniform bool first_batch;
+
+const float DEEP_STEP = 0.5;
+uniform int most_cuts;  // in one draw
+int cuts = 0;
 
 // A long march is drawn in slices of its steps: each takes up the state that the one before it left.
 uniform int slice_begin;  // steps of the ray, counted from its first
@@ -95,21 +100,43 @@ float lit_share(int i, float s0, float s1) {
 #endif
 }
 
-// One step [s0, s1]; `inside` is set for the volumes it lies in.
-void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
+float strongest(vec3 c) {
+    return max(max(c.r, c.g), c.b);
+}
+
+bool is_opaque() {
+    return strongest(transmittance) < opacity_cutoff;
+}
+
+// Densities of the volumes that a place on the ray lies in, 0 for the others.
+void densities_at(float s, bool inside[VOLUME_COUNT], out float density[VOLUME_COUNT]) {
+    vec3 position = ray.anchor + s * ray.direction;
+    for (int v = 0; v < VOLUME_COUNT; ++v) density[v] = inside[v] ? max(density_at(v, position), 0.0) : 0.0;
+}
+
+// Extinction of all volumes together, in the strongest of the channels that still transmit.
+float visible_extinction(float density[VOLUME_COUNT]) {
+    vec3 extinction = vec3(0.0);
+    for (int v = 0; v < VOLUME_COUNT; ++v) extinction += density[v] * volumes[v].strength.rgb;
+    return strongest(extinction * vec3(greaterThan(transmittance, vec3(max(opacity_cutoff, 1e-7)))));
+}
+
+// What lies between s0 and s1, where the volumes have the densities `from` and `to`.
+void march_step(float s0, float s1, float from[VOLUME_COUNT], float to[VOLUME_COUNT], bool lit) {
     float h = s1 - s0;
     vec3 middle = ray.anchor + (0.5 * (s0 + s1)) * ray.direction;
     vec3 extinction = vec3(0.0);
+    vec3 rise = vec3(0.0);
     vec3 scattering[VOLUME_COUNT];
     vec3 source = vec3(0.0);
     vec3 glow = vec3(0.0);
     for (int v = 0; v < VOLUME_COUNT; ++v) {
         scattering[v] = vec3(0.0);
-        if (!inside[v]) continue;
-        float density = density_at(v, middle);
+        float density = 0.5 * (from[v] + to[v]);
         if (density <= 0.0) continue;
         vec3 sigma_t = density * volumes[v].strength.rgb;
         extinction += sigma_t;
+        rise += (to[v] - from[v]) * volumes[v].strength.rgb;
         scattering[v] = sigma_t * volumes[v].albedo.rgb;
 #if HAS_AMBIENT
         source += scattering[v] * ambient;
@@ -118,8 +145,7 @@ void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
         glow += (sigma_t - scattering[v]) * emitted_radiance(v, middle);
 #endif
     }
-    float strongest = max(max(extinction.r, extinction.g), extinction.b);
-    if (strongest <= 0.0) return;
+    if (strongest(extinction) <= 0.0) return;
     if (!first_batch) {
         source = vec3(0.0);
         glow = vec3(0.0);
@@ -128,7 +154,9 @@ void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
 #if HAS_LIGHTS
     if (lit) {
         float mean_depth = dot(depth, vec3(1.0 / 3.0));
-        float event = s0 + h * extinction_centroid(mean_depth);
+        // Of a linear density the centroid is off the middle by a twelfth of its relative rise.
+        float middle_of_loss = extinction_centroid(mean_depth) + dot(rise, vec3(1.0)) / (12.0 * dot(extinction, vec3(1.0)));
+        float event = s0 + h * clamp(middle_of_loss, 0.0, 1.0);
         vec3 position = ray.anchor + event * ray.direction;
         for (int i = 0; i < light_count; ++i) {
             float inverse_square;
@@ -138,13 +166,13 @@ void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
                 inverse_square = mean_inverse_square(lights[i].position.xyz, lights[i].strength.w, s0, s1);
 #endif
             vec3 arriving = lights[i].strength.rgb * shaping(i, travel) * inverse_square;
-            if (max(max(arriving.r, arriving.g), arriving.b) <= 0.0) continue;
+            if (strongest(arriving) <= 0.0) continue;
             float seen = lit_share(i, s0, s1);
             if (seen <= 0.0) continue;
             float cosine = dot(travel, -ray.direction);
             vec3 turned = vec3(0.0);
             for (int v = 0; v < VOLUME_COUNT; ++v)
-                if (inside[v]) turned += scattering[v] * phase(volumes[v].phase, cosine);
+                if (scattering[v] != vec3(0.0)) turned += scattering[v] * phase(volumes[v].phase, cosine);
             source += turned * arriving * (seen * light_transmittance(i, position, travel));
         }
     }
@@ -162,6 +190,31 @@ void march_step(float s0, float s1, bool inside[VOLUME_COUNT], bool lit) {
     emitted += glow * weight;
 #endif
     transmittance *= passed;
+}
+
+// A step that is cut where it is deep. `density` is that at s0, and becomes that at s1.
+void march_between(float s0, float s1, bool inside[VOLUME_COUNT], inout float density[VOLUME_COUNT], bool lit) {
+    float last[VOLUME_COUNT];
+    densities_at(s1, inside, last);
+    float extinction1 = visible_extinction(last);
+    for (;;) {
+        float rest = s1 - s0;
+        float extinction0 = visible_extinction(density);
+        float next = s1;
+        if (0.5 * (extinction0 + extinction1) * rest > DEEP_STEP && cuts < most_cuts) {
+            // Where a linear extinction has summed to DEEP_STEP.
+            float square = extinction0 * extinction0 + 2.0 * DEEP_STEP * (extinction1 - extinction0) / rest;
+            float part = 2.0 * DEEP_STEP / (extinction0 + sqrt(max(square, 0.0)));
+            if (part < 0.75 * rest) next = s0 + part;
+            ++cuts;
+        }
+        float there[VOLUME_COUNT];
+        if (next < s1) densities_at(next, inside, there); else there = last;
+        march_step(s0, next, density, there, lit);
+        density = there;
+        s0 = next;
+        if (s0 >= s1 || is_opaque()) break;
+    }
 }
 
 void main() {
@@ -198,6 +251,8 @@ void main() {
     if (!first_slice) transmittance = texelFetch(previous_transmittance, pixel, 0).rgb;
 #endif
     bool inside[VOLUME_COUNT];
+    float density[VOLUME_COUNT];  // where the next step begins
+    bool known = false;           // whether it has been read
     float next = cursor;  // end of the segment: between two neighbouring bounds the same volumes are marched through
     int count = 0;        // steps of the segment
     int n = 0;            // the segment's next step
@@ -211,7 +266,7 @@ void main() {
     // One loop over the steps of all segments. Steps nested in segments would let the pixels that a processor runs side by side,
     // each in another segment, take many more iterations together than any takes alone.
     for (int number = 0; number < slice_end; ++number, ++n) {
-        if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) break;
+        if (is_opaque()) break;
         while (n == count && next < end) {
             cursor = next;
             next = end;
@@ -228,6 +283,7 @@ void main() {
                 }
             }
             count = 0;
+            known = false;
             if (any_inside) {
 #if PROJECTIVE_STEPS
                 // Uniform steps in the projection of the only spot [TFM11 section 4.2], inside its cone; what lies before and
@@ -250,24 +306,30 @@ void main() {
             number += n;
         }
         if (n == count) break;
+        float s0, s1;
+        bool lit = true;
 #if PROJECTIVE_STEPS
         if (n == 0 || n == count - 1) {
-            float s0 = n == 0 ? cursor : cone.y;
-            float s1 = n == 0 ? cone.x : next;
-            if (s1 > s0) march_step(s0, s1, inside, false);
+            s0 = n == 0 ? cursor : cone.y;
+            s1 = n == 0 ? cone.x : next;
+            if (s1 <= s0) continue;
+            lit = false;
         } else {
             float f0 = float(n - 1) / float(inner);
             float f1 = float(n) / float(inner);
             float span = cone.y - cone.x;
-            float s0 = cone.x + span * f0 * w0 / (f0 * w0 + (1.0 - f0) * w1);
-            float s1 = cone.x + span * f1 * w0 / (f1 * w0 + (1.0 - f1) * w1);
-            march_step(s0, s1, inside, true);
+            s0 = cone.x + span * f0 * w0 / (f0 * w0 + (1.0 - f0) * w1);
+            s1 = cone.x + span * f1 * w0 / (f1 * w0 + (1.0 - f1) * w1);
         }
 #else
-        march_step(cursor + float(n) * h, cursor + float(n + 1) * h, inside, true);
+        s0 = cursor + float(n) * h;
+        s1 = cursor + float(n + 1) * h;
 #endif
+        if (!known) densities_at(s0, inside, density);
+        known = true;
+        march_between(s0, s1, inside, density, lit);
     }
-    if (max(max(transmittance.r, transmittance.g), transmittance.b) < opacity_cutoff) transmittance = vec3(0.0);
+    if (is_opaque()) transmittance = vec3(0.0);
     out_scattered = vec4(scattered, 1.0);
     out_transmittance = vec4(transmittance, 1.0);
 #if HAS_EMISSION

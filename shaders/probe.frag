@@ -19,17 +19,17 @@ void main() {
     vec3 travel = light_travel(0, position, inverse_square);
     out_transmittance = vec4(light_transmittance(0, position, travel), visibility(0, position));
     out_range = vec4(0.0);
-#if HAS_GRIDS && METHOD == 0
+#if HAS_GRIDS && HAS_MAPS && MAP_ADAPTIVE
     if (map_volume >= 0) {
         vec3 y = position - light_maps[map_volume].centre.xyz;
         vec2 coordinate;
         if (map_coordinate(map_volume, y, coordinate)) {
-            vec2 range = texelFetch(map_range, map_texel(map_volume, ivec2(coordinate * map_size)), 0).xy;
+            vec2 range = stored_range(map_texel(map_volume, ivec2(coordinate * map_size)));
             float k = distance_along_light(int(light_maps[map_volume].centre.w), y, light_maps[map_volume].from_light);
             if (range.x < 1e29) out_range = vec4(range + s - k, 1.0, 0.0);
         }
     }
-#elif HAS_GRIDS && METHOD == 1
+#elif HAS_GRIDS && HAS_MAPS
     if (map_volume >= 0) {
         // Maps of the full range need none stored: it runs from the light or the bounds to the bounds.
         vec2 span = volume_interval(map_volume, position, travel) + s;

@@ -1,10 +1,13 @@
-// One texel: the transmittance along one light ray through one volume, projected on cosines.
-//   c_j = (2/D) int_0^D f(x) cos(j pi x / D) dx,  f = exp(-stored strength * optical density)
-// The curve is exponential inside a step; its mean over the step times the mean of the cosine over the step is summed.
-// METHOD 1 [TFM11 alg. 2] projects over the whole way through the bounds. METHOD 0 [ATFM12 alg. 2] marches twice: once to find the
-// range in which the curve falls from 1 to a threshold, once inside it.
+// One texel: the transmittance f = exp(-stored strength * optical density) along one light ray through one volume, as MAP_CURVE says:
+//   cosine    c_j = (2/D) int_0^D f(x) cos(j pi x / D) dx [TFM11 alg. 2]
+//   legendre  c_j = ((2j + 1)/D) int_0^D f(x) P_j(2x/D - 1) dx
+//   quantile  the depths at which f crosses evenly spaced levels between 1 and its end
+// The curve is exponential inside a step; its mean over the step times the mean of the basis over the step is summed.
+// Without MAP_ADAPTIVE the range is the whole way through the bounds [TFM11]. With it the ray is marched twice [ATFM12 alg. 2]: once to
+// find the range in which the curve falls from 1 to a threshold, once inside it.
 
 #include "include/light_map.glsl"
+#include "include/map_curve.glsl"
 #include "include/integrate.glsl"
 
 const float PI = 3.14159265358979;
@@ -12,20 +15,27 @@ const float EMPTY = 1e30;
 
 in vec2 uv;
 
-layout(location = 0) out vec4 coefficients0;
+#if MAP_BYTES
+layout(location = 0) out uvec4 values0;
 #if MAP_LAYERS > 1
-layout(location = 1) out vec4 coefficients1;
+layout(location = 1) out uvec4 values1;
+#endif
+#else
+layout(location = 0) out vec4 values0;
+#if MAP_LAYERS > 1
+layout(location = 1) out vec4 values1;
 #endif
 #if MAP_LAYERS > 2
-layout(location = 2) out vec4 coefficients2;
+layout(location = 2) out vec4 values2;
 #endif
 #if MAP_LAYERS > 3
-layout(location = 3) out vec4 coefficients3;
+layout(location = 3) out vec4 values3;
 #endif
 #if MAP_LAYERS > 4
-layout(location = 4) out vec4 coefficients4;
+layout(location = 4) out vec4 values4;
 #endif
 layout(location = MAP_LAYERS) out vec2 range;
+#endif
 
 uniform sampler3D density_atlas;
 uniform mat4 centre_to_box;  // point relative to the volume's centre -> unit cube
@@ -58,12 +68,86 @@ vec2 bounds_interval() {
     return vec2(max(max(first.x, first.y), first.z), min(min(last.x, last.y), last.z));
 }
 
+#if MAP_CURVE == CURVE_QUANTILE
+// Depths, as parts of the range, at which the curve crosses the levels; `total` is the stored optical depth at its end.
+void project(inout vec4 c[CURVE_VECTORS], float begin, float h, float count, float depth, float total) {
+    for (int i = 0; i < CURVE_VECTORS; ++i) c[i] = vec4(1.0);
+    float drop = (1.0 - exp(-total)) / float(COEFFICIENTS);
+    float level = drop;
+    float wanted = -log(1.0 - level);
+    int next = 0;
+    for (float n = 0.0; n < count && next < COEFFICIENTS - 1; n += 1.0) {
+        float step_depth = stored * density(begin + (n + 0.5) * h) * h;
+        while (next < COEFFICIENTS - 1 && depth + step_depth >= wanted) {
+            c[next >> 2][next & 3] = (n + clamp((wanted - depth) / step_depth, 0.0, 1.0)) / count;
+            ++next;
+            level += drop;
+            wanted = -log(max(1.0 - level, 1e-30));
+        }
+        depth += step_depth;
+    }
+}
+#else
+// Coefficients of the curve; `depth` becomes the stored optical depth at its end.
+void project(inout vec4 c[CURVE_VECTORS], float begin, float h, float count, inout float depth) {
+    for (int i = 0; i < CURVE_VECTORS; ++i) c[i] = vec4(0.0);
+    float from = exp(-depth);
+    for (float n = 0.0; n < count; n += 1.0) {
+        float step_depth = stored * density(begin + (n + 0.5) * h) * h;
+        float mean = from * mean_transmittance(step_depth);
+#if MAP_CURVE == CURVE_COSINE
+        float twice = 2.0 * cos(PI * (n + 0.5) / count);
+        float previous = 0.5 * twice;  // cos of -theta, then Chebyshev: cos((j+1)t) = 2 cos t cos(jt) - cos((j-1)t)
+        float current = 1.0;
+        for (int j = 0; j < COEFFICIENTS; ++j) {
+            c[j >> 2][j & 3] += mean * current;
+            float next = twice * current - previous;
+            previous = current;
+            current = next;
+        }
+#else
+        float t = 2.0 * (n + 0.5) / count - 1.0;
+        float previous = 0.0;
+        float current = 1.0;
+        for (int j = 0; j < COEFFICIENTS; ++j) {
+            c[j >> 2][j & 3] += mean * current;
+            float next = ((2.0 * float(j) + 1.0) * t * current - float(j) * previous) / (float(j) + 1.0);
+            previous = current;
+            current = next;
+        }
+#endif
+        depth += step_depth;
+        from = exp(-depth);
+    }
+    for (int j = 0; j < COEFFICIENTS; ++j) {
+#if MAP_CURVE == CURVE_COSINE
+        // The mean of the cosine over a step is its midpoint times sinc of half the phase across the step.
+        float half_phase = 0.5 * PI * float(j) / count;
+        c[j >> 2][j & 3] *= 2.0 / count * (j == 0 ? 1.0 : sin(half_phase) / half_phase);
+#else
+        c[j >> 2][j & 3] *= (2.0 * float(j) + 1.0) / count;
+#endif
+    }
+}
+#endif
+
+#if MAP_BYTES
+uint byte_at(vec4 c[CURVE_VECTORS], int j) {
+    return j < COEFFICIENTS - 1 ? uint(clamp(c[j >> 2][j & 3], 0.0, 1.0) * 255.0 + 0.5) : 255u;
+}
+
+uint bytes_at(vec4 c[CURVE_VECTORS], int j) {
+    return byte_at(c, j) | byte_at(c, j + 1) << 8u | byte_at(c, j + 2) << 16u | byte_at(c, j + 3) << 24u;
+}
+#endif
+
 void main() {
-    vec4 c[MAP_LAYERS];
-    for (int i = 0; i < MAP_LAYERS; ++i) c[i] = vec4(0.0);
-    c[0].x = 2.0;  // the series of 1
-    c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3] = 1.0;
-    range = vec2(EMPTY, 2.0 * EMPTY);
+    vec4 c[CURVE_VECTORS];
+    for (int i = 0; i < CURVE_VECTORS; ++i) c[i] = vec4(0.0);
+    c[0].x = 2.0;  // the cosine series of 1
+    float tail = 0.0;
+    float last_value = 1.0;
+    vec2 stored_range = vec2(EMPTY, 2.0 * EMPTY);
 
     if (map_kind == MAP_OCTAHEDRAL) {
         origin = -from_light.xyz;
@@ -87,8 +171,8 @@ void main() {
         float depth = 0.0;        // stored optical depth at the start of the projected range
         bool any_density = true;
         bool dense = false;
-#if METHOD == 0
         float total = 0.0;
+#if MAP_ADAPTIVE
         float first = -1.0;       // step with the first density
         float start = -1.0;       // step before the one in which the curve begins to fall
         float start_depth = 0.0;
@@ -123,51 +207,46 @@ void main() {
         h = length_ / count;
 #endif
         if (any_density) {
-            for (int i = 0; i < MAP_LAYERS; ++i) c[i] = vec4(0.0);
-            float from = exp(-depth);
-            for (float n = 0.0; n < count; n += 1.0) {
-                float step_depth = stored * density(begin + (n + 0.5) * h) * h;
-                float mean = from * mean_transmittance(step_depth);
-                float twice = 2.0 * cos(PI * (n + 0.5) / count);
-                float previous = 0.5 * twice;  // cos of -theta, then Chebyshev: cos((j+1)t) = 2 cos t cos(jt) - cos((j-1)t)
-                float current = 1.0;
-                for (int j = 0; j < COEFFICIENTS; ++j) {
-                    c[j >> 2][j & 3] += mean * current;
-                    float next = twice * current - previous;
-                    previous = current;
-                    current = next;
-                }
-                depth += step_depth;
-                from = exp(-depth);
-            }
-            for (int j = 0; j < COEFFICIENTS; ++j) {
-                // The mean of the cosine over a step is its midpoint times sinc of half the phase across the step.
-                float half_phase = 0.5 * PI * float(j) / count;
-                c[j >> 2][j & 3] *= 2.0 / count * (j == 0 ? 1.0 : sin(half_phase) / half_phase);
-            }
-            float tail = 0.0;
+#if MAP_CURVE == CURVE_QUANTILE
+            if (dense) total = end_depth;
+            project(c, begin, h, count, depth, total);
+            depth = total;
+#else
+            project(c, begin, h, count, depth);
+#endif
             if (dense) {
                 float reach = min(h, (span.y - end) / 3.0);
                 float sum = 0.0;
                 if (reach > 0.0) for (int n = 0; n < 3; ++n) sum += density(end + (float(n) + 0.5) * reach);
                 tail = stored * sum / 3.0 * length_;
             }
-            c[COEFFICIENTS >> 2][COEFFICIENTS & 3] = min(tail, 6e4);
-            c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3] = exp(-depth);
-            range = vec2(begin, end) + offset;
+            last_value = exp(-depth);
+            stored_range = vec2(begin, end) + offset;
         }
     }
-    coefficients0 = c[0];
+#if MAP_BYTES
+    uint tail_code = tail > 0.0 ? uint(clamp((log2(tail) + TAIL_LEAST) / TAIL_STEP + 1.5, 1.0, 255.0)) : 0u;
+    uint end_code = uint(last_value * 65535.0 + 0.5);
+    values0 = uvec4(floatBitsToUint(stored_range), bytes_at(c, 0), byte_at(c, 4) | tail_code << 8u | end_code << 16u);
 #if MAP_LAYERS > 1
-    coefficients1 = c[1];
+    values1 = uvec4(bytes_at(c, 5), bytes_at(c, 9), byte_at(c, 13) | byte_at(c, 14) << 8u, 0u);
+#endif
+#else
+    c[COEFFICIENTS >> 2][COEFFICIENTS & 3] = min(tail, 6e4);
+    c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3] = last_value;
+    range = stored_range;
+    values0 = c[0];
+#if MAP_LAYERS > 1
+    values1 = c[1];
 #endif
 #if MAP_LAYERS > 2
-    coefficients2 = c[2];
+    values2 = c[2];
 #endif
 #if MAP_LAYERS > 3
-    coefficients3 = c[3];
+    values3 = c[3];
 #endif
 #if MAP_LAYERS > 4
-    coefficients4 = c[4];
+    values4 = c[4];
+#endif
 #endif
 }

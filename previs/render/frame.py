@@ -12,7 +12,7 @@ from .. import blackbody
 from . import uniforms
 from .fields import PackedStore
 from .pieces import Kind, Pace, Piece
-from .plan import Plan, density_weighting
+from .plan import Plan
 from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
 from .shader import Program, ShaderCache
 
@@ -21,11 +21,11 @@ UNITS = {
     "density_atlas": 0,
     "shadow_atlas": 1,
     "map_range": 2,
-    "map_coefficients0": 3,
-    "map_coefficients1": 4,
-    "map_coefficients2": 5,
-    "map_coefficients3": 6,
-    "map_coefficients4": 7,
+    "map_values0": 3,
+    "map_values1": 4,
+    "map_values2": 5,
+    "map_values3": 6,
+    "map_values4": 7,
     "gbuffer_normal_distance": 8,
     "gbuffer_diffuse_roughness": 9,
     "gbuffer_specular": 10,
@@ -168,10 +168,9 @@ class Frame:
         plan = self.plan
         self._block(program, "Volumes", 0, lambda: uniforms.pack_volumes(plan, self.density.placements))
         self._block(program, "Lights", batch.start, lambda: uniforms.pack_lights(plan, batch))
-        if plan.defines["HAS_GRIDS"] and plan.settings.transmittance != "march":
-            weighting = density_weighting(plan.volumes, plan.settings)
-            self._block(program, "LightMaps", batch.start, lambda: uniforms.pack_light_maps(plan, batch, weighting))
-            layers = {f"map_coefficients{i}": t for i, t in enumerate(self.maps.coefficients)}
+        if plan.defines["HAS_GRIDS"] and plan.defines["HAS_MAPS"]:
+            self._block(program, "LightMaps", batch.start, lambda: uniforms.pack_light_maps(plan, batch))
+            layers = {f"map_values{i}": t for i, t in enumerate(self.maps.values)}
             self.bind(map_range=self.maps.range, **layers)
             program.set(map_size=float(plan.map_size))
         self.bind(density_atlas=self.density.texture)

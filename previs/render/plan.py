@@ -31,6 +31,7 @@ from ..index import Entry, RenderIndex, camera_key
 from ..settings import Settings
 from .atlas import AtlasLayout, lay_out
 from .fields import field_dims, packed_bytes, planned_reduction
+from .method import MOST_WEIGHTING, THRESHOLD, THRESHOLD_INSIDE, WEIGHTING_INSIDE, method_of
 from .projection import (
     MAP_KINDS,
     SHADOW_KINDS,
@@ -59,6 +60,9 @@ MANY_MAPS = 32
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
 #: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
 LOOP_BUDGET = 50_000
+#: Optically deep steps of a ray that are cut once more, at the most: about two for every unit of optical depth until a
+#: ray is opaque in the last of three channels.
+MOST_CUTS = 160
 
 
 class _Fits:
@@ -127,8 +131,8 @@ class PlannedLight:
 class PlannedMap:
     """The transmittance map of one light through one volume and its tile in the atlas.
 
-    Curves are stored at the `reference` extinction (per stage unit at density 1); the adaptive range ends where the
-    weakest channel, of extinction `weakest`, falls below the threshold.
+    Curves are stored at the `reference` extinction (per stage unit at density 1) to the power 1 / `weighting`; the
+    adaptive range ends where the weakest channel, of extinction `weakest`, falls below the `threshold`.
     """
 
     light: int
@@ -137,6 +141,8 @@ class PlannedMap:
     tile: int
     reference: float
     weakest: float
+    weighting: float
+    threshold: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,6 +167,7 @@ class Plan:
     limits: DeviceLimits
     batches: tuple[range, ...]
     slices: tuple[range, ...]
+    cuts: int
     defines: Mapping[str, Any]
     passes: tuple[PlannedPass, ...]
     notes: tuple[Note, ...] = field(default=())
@@ -188,11 +195,6 @@ def _bytes(count: int) -> str:
 
 def _count(number: int, name: str, plural: str = "s") -> str:
     return f"{number} {name}{plural if number != 1 else ''}"
-
-
-def map_layers(coefficients: int) -> int:
-    """RGBA textures per map: the coefficients, then the tail's extinction and the transmittance at the range's end."""
-    return -(-(coefficients + 2) // 4)
 
 
 def make_plan(
@@ -251,7 +253,7 @@ def make_plan(
     records = tuple(e.record for e in volumes)
     grids = [i for i, v in enumerate(records) if v.density is not None]
     memory = settings.field_memory * 2**20
-    method = settings.transmittance
+    method = method_of(settings)
     passes: list[PlannedPass] = []
 
     fields = [
@@ -282,15 +284,15 @@ def make_plan(
     casting = sum(e.record.casts_shadows for e in lights)
     size = _map_size(records, grids, casting, settings, limits, notes) if grids else 0
     maps, map_atlas = (), AtlasLayout()
-    if grids and method != "march":
+    if grids and method.has_maps:
         maps, map_atlas = _plan_maps(volumes, grids, lights, settings, size, limits, atlases[0], passes)
 
-    batches, slices = _draws(records, len(lights), settings, limits)
+    batches, slices, cuts = _draws(records, len(lights), settings, limits)
     view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
     target = (width, height) if pixels is None else pixels.target_size
     texels = math.prod(target)
     chosen = pixels and pixels.key
-    defines = _defines(records, planned_lights, len(batches[0]), meshes, ambient, settings)
+    defines = _defines(records, planned_lights, maps, len(batches[0]), meshes, ambient, settings)
     defines["SCATTERED_PIXELS"] = pixels is not None
     shadow_passes = tuple(p.name for p in passes if p.kind == "shadow_map")
     map_passes = tuple(p.name for p in passes if p.kind == "transmittance_map")
@@ -329,13 +331,7 @@ def make_plan(
     if records:
         media = tuple((e.record.path, e.versions["placement"], e.versions["scattering"]) for e in volumes)
         why = f"{_count(len(records), 'volume')}, {_count(len(lights), 'light')}"
-        why += {
-            "march": "; brute force towards every light",
-            "tfm": f"; {settings.coefficients} coefficients, adaptive range",
-            "tfm-plain": f"; {settings.coefficients} coefficients, full range",
-        }[method]
-        if not grids:
-            why = why.split(";")[0] + "; homogeneous, light attenuated in closed form"
+        why += f"; {method.why(settings.coefficients)}" if grids else "; homogeneous, light attenuated in closed form"
         if defines["PROJECTIVE_STEPS"]:
             why += "; steps placed in the spot's projection"
         passes.append(
@@ -379,6 +375,7 @@ def make_plan(
         limits=limits,
         batches=batches,
         slices=slices,
+        cuts=cuts,
         defines=defines,
         passes=tuple(passes),
         notes=tuple(notes),
@@ -408,15 +405,16 @@ def steps_across(volume: Volume, wanted: int) -> int:
 
 def _draws(
     records, lights: int, settings: Settings, limits: DeviceLimits
-) -> tuple[tuple[range, ...], tuple[range, ...]]:
-    """How a march is cut into draws: ranges of lights, and ranges of the steps of a ray.
+) -> tuple[tuple[range, ...], tuple[range, ...], int]:
+    """How a march is cut into draws: ranges of lights, ranges of the steps of a ray, and how many deep steps a draw may
+    cut.
 
     Raises:
         PrevisError: when the way to one light alone takes more steps than a draw may.
     """
     volumes = max(len(records), 1)
     grids = [v for v in records if v.density is not None]
-    to_light = sum(steps_across(v, settings.light_steps) + 1 for v in grids) if settings.transmittance == "march" else 0
+    to_light = 0 if method_of(settings).has_maps else sum(_steps_to_light(v, settings) for v in grids)
     # The search for a shadow's edge, the phase functions, and the way to the light.
     per_light = 20 + 2 * volumes + to_light
     if per_light > LOOP_BUDGET:
@@ -437,9 +435,18 @@ def _draws(
         steps += segments * projective_minimum(settings)
     # A step may begin a segment, behind a gap; finding the first one passes all that lie before it.
     per_step = 3 * (volumes + 1) + max(len(b) for b in batches) * per_light
-    length = max(1, (LOOP_BUDGET - segments * (volumes + 2)) // per_step)
+    cuts = min(MOST_CUTS, LOOP_BUDGET // (2 * per_step))
+    length = max(1, (LOOP_BUDGET - segments * (volumes + 2)) // per_step - cuts)
     slices = tuple(range(i, min(i + length, steps)) for i in range(0, steps, length))
-    return batches, slices
+    return batches, slices, cuts
+
+
+def _steps_to_light(volume: Volume, settings: Settings) -> int:
+    """Iterations of a march through a volume towards a light, at the most."""
+    if settings.light_steps:
+        return settings.light_steps + 1
+    # From cell to cell: one crossing of a face after another along each axis.
+    return int(np.minimum(field_dims(volume.density) + 2, MOST_STEPS).sum()) + 3
 
 
 def _corner_points(boxes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -528,8 +535,7 @@ def _map_size(volumes, grids: list[int], lights: int, settings: Settings, limits
         # A coarse grid that is dense has edges too: they need texels, unless there are very many maps to fill.
         least = 256 if len(grids) * lights <= MANY_MAPS else 64
         wanted = int(np.clip(-(-longest * 2 // 32) * 32, least, 512))
-    bytes_per_texel = 8 + 8 * map_layers(settings.coefficients)
-    size = fitting_size(wanted, len(grids) * lights, bytes_per_texel, limits)
+    size = fitting_size(wanted, len(grids) * lights, method_of(settings).texel_bytes(settings), limits)
     if size < wanted:
         message = f"{_count(len(grids) * lights, 'transmittance map')} have {size}² texels to fit"
         notes.append(Note("approximated", volumes[grids[0]].path, message))
@@ -548,11 +554,9 @@ def _plan_maps(
 ) -> tuple[tuple[PlannedMap, ...], AtlasLayout]:
     """A map for every pair of a light that casts shadows and a volume of voxels."""
     planned = []
-    layers = map_layers(settings.coefficients)
-    tile_bytes = size * size * (8 + 8 * layers)
+    tile_bytes = size * size * method_of(settings).texel_bytes(settings)
     pairs = [(e.record.path, volumes[i].record.path) for e in lights if e.record.casts_shadows for i in grids]
     layout = lay_out(previous, [(p, 1) for p in pairs], size, tile_bytes, limits.texture_size, ATLAS_MEMORY)
-    weighting = density_weighting(tuple(e.record for e in volumes), settings)
     for light_number, light_entry in enumerate(lights):
         light = light_entry.record
         if not light.casts_shadows:
@@ -564,7 +568,10 @@ def _plan_maps(
             versions = (light_entry.versions["placement"], entry.versions["density"], entry.versions["placement"])
             fit = _fits.get(("map", versions, size), lambda x=light, v=volume: light_map(x, v, size))
             tile = layout.spans[light.path, volume.path].start
-            item = PlannedMap(light_number, volume_number, fit, tile, max(strength), min(strength))
+            weighting, threshold = _curve_range(light, volume, settings)
+            item = PlannedMap(
+                light_number, volume_number, fit, tile, max(strength), min(strength), weighting, threshold
+            )
             planned.append(item)
             depends = (
                 entry.versions["density"],
@@ -573,7 +580,7 @@ def _plan_maps(
                 fit.key(),
                 item.tile,
                 size,
-                weighting,
+                (weighting, threshold),
                 settings.read_by("transmittance_map"),
             )
             passes.append(
@@ -593,10 +600,9 @@ def _plan_maps(
 PHASE_NUMBERS = {"isotropic": 0, "hg": 1, "schlick": 2, "rayleigh": 3, "two_lobe": 4}
 MAP_KINDS_NUMBERS = {kind: number for number, kind in enumerate(MAP_KINDS)}
 SHADOW_KIND_NUMBERS = {kind: number for number, kind in enumerate(SHADOW_KINDS)}
-METHOD_NUMBERS = {"tfm": 0, "tfm-plain": 1, "march": 2}
 
 
-def _defines(volumes, lights, batch: int, meshes, ambient, settings: Settings) -> dict[str, Any]:
+def _defines(volumes, lights, maps, batch: int, meshes, ambient, settings: Settings) -> dict[str, Any]:
     """What the shaders are compiled for."""
     phases = {v.medium.phase if v.medium.anisotropy != 0.0 or v.medium.phase != "hg" else "isotropic" for v in volumes}
     homogeneous = all(v.density is None for v in volumes)
@@ -620,11 +626,9 @@ def _defines(volumes, lights, batch: int, meshes, ambient, settings: Settings) -
         "HAS_EMISSION_FIELD": any(v.emission is not None for v in emitting),
         "CHROMATIC": any(len(set(v.medium.extinction)) > 1 for v in volumes),
         "PHASE": PHASE_NUMBERS[phases.pop()] if len(phases) == 1 else -1,
-        "METHOD": METHOD_NUMBERS[settings.transmittance],
-        "COEFFICIENTS": settings.coefficients,
-        "MAP_EXPONENT": _map_exponent(volumes, settings),
-        "MAP_LAYERS": map_layers(settings.coefficients),
-        "MAP_BLEND": settings.map_filter == "blend",
+        **method_of(settings).defines(settings),
+        "LIGHT_CELLS": not method_of(settings).has_maps and settings.light_steps == 0,
+        "MAP_EXPONENT": _map_exponent(volumes, maps),
         "PROJECTIVE_STEPS": bool(
             settings.projective_steps and homogeneous and volumes and len(lights) == 1 and len(cone) == 1
         ),
@@ -638,22 +642,35 @@ def projective_minimum(settings: Settings) -> int:
     return max((settings.steps or LEAST_STEPS) // 4, 1)
 
 
-def density_weighting(volumes: tuple[Volume, ...], settings: Settings) -> float:
-    """Exponent α: maps hold T^(1/α) at the reference strength ([TFM11] section 6.2).
+def _curve_range(light: Light, volume: Volume, settings: Settings) -> tuple[float, float]:
+    """Exponent α of the stored curve ([TFM11] section 6.2) and the threshold at which its adaptive range ends.
 
-    Inside an adaptive range 2 is best; a medium whose channels differ more needs as much as they differ, so that the
-    curve of the strongest channel is not gone where the weakest still transmits.
+    A medium whose channels differ needs an exponent as large as they differ, so that the curve of the strongest channel
+    is not gone where the weakest still transmits.
     """
-    if settings.density_weighting > 0.0:
-        return settings.density_weighting
-    if settings.transmittance == "tfm-plain":
-        return 1.0
-    spread = [max(s) / min(s) for v in volumes if (s := [c for c in v.medium.strength if c > 0.0])]
-    return min(max([2.0, *spread]), 16.0)
+    method = method_of(settings)
+    weighting, threshold = settings.density_weighting, settings.threshold
+    inside = method.adaptive and _is_inside(light, volume)
+    if weighting <= 0.0:
+        spread = max(volume.medium.strength) / min(s for s in volume.medium.strength if s > 0.0)
+        least = WEIGHTING_INSIDE if inside else method.weighting
+        weighting = min(max(least, spread), MOST_WEIGHTING) if method.adaptive else method.weighting
+    if threshold <= 0.0:
+        threshold = THRESHOLD_INSIDE if inside else THRESHOLD
+    return weighting, threshold
 
 
-def _map_exponent(volumes: tuple[Volume, ...], settings: Settings) -> int:
+def _is_inside(light: Light, volume: Volume) -> bool:
+    """Whether a light is within the bounds of a volume."""
+    if light.kind == "distant":
+        return False
+    lo, hi, to_world = volume_box(volume)
+    local = np.append(light.position, 1.0) @ np.linalg.inv(to_world)
+    return bool(np.all(local[:3] >= lo) and np.all(local[:3] <= hi))
+
+
+def _map_exponent(volumes: tuple[Volume, ...], maps: tuple[PlannedMap, ...]) -> int:
     """1 or 2 where every lookup raises to just that power, else 0: the shader then computes it per channel."""
-    alpha = density_weighting(volumes, settings)
+    exponents = {m.weighting for m in maps}
     grey = all(len(set(v.medium.extinction)) == 1 for v in volumes)
-    return int(alpha) if grey and alpha in (1.0, 2.0) else 0
+    return int(exponents.pop()) if grey and exponents in ({1.0}, {2.0}) else 0

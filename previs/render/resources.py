@@ -15,7 +15,8 @@ import numpy as np
 
 from ..description import Field, Geometry, Mesh
 from .fields import PackedField, PackedStore
-from .plan import Plan, map_layers
+from .method import method_of
+from .plan import Plan
 
 NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 LINEAR = (moderngl.LINEAR, moderngl.LINEAR)
@@ -198,33 +199,35 @@ class MapAtlas:
     def __init__(self, context: moderngl.Context) -> None:
         self._context = context
         self._shape: Hashable = None
-        self.coefficients: list[moderngl.Texture] = []
+        self.values: list[moderngl.Texture] = []
         self.range: moderngl.Texture | None = None
         self.framebuffer: moderngl.Framebuffer | None = None
         self.owners: dict[int, str] = {}
 
     @staticmethod
     def _shape_of(plan: Plan) -> Hashable:
-        layout = plan.map_atlas
-        return layout.size, layout.columns, map_layers(plan.settings.coefficients), plan.settings.transmittance
+        layout, settings = plan.map_atlas, plan.settings
+        method = method_of(settings)
+        return layout.size, layout.columns, method.name, method.layers(settings), method.packs_bytes(settings)
 
     def update(self, plan: Plan) -> bool:
         """Make the textures for a plan; True when they are new and every map has to be filled again."""
         shape, wanted = self._shape_of(plan), plan.map_atlas.extent
-        fits = self.range is not None and shape == self._shape
-        if fits and not _is_to_resize(self.range.size, wanted):
+        fits = self.framebuffer is not None and shape == self._shape
+        if fits and not _is_to_resize(self.framebuffer.size, wanted):
             return False
-        before = (self.framebuffer, self.range, *self.coefficients) if fits else ()
+        before = (self.framebuffer, *self._textures()) if fits else ()
         owners = self.owners if fits else {}
         if not fits:
             self.release()
-        self.coefficients = [self._context.texture(wanted, 4, dtype="f2") for _ in range(shape[2])]
+        *_, layers, packed = shape
+        self.values = [self._context.texture(wanted, 4, dtype="u4" if packed else "f2") for _ in range(layers)]
         # Range ends need 32 bits: half floats cost up to 19 dB in dense media.
-        self.range = self._context.texture(wanted, 2, dtype="f4")
-        for texture in (*self.coefficients, self.range):
-            texture.filter = LINEAR if shape[3] == "tfm-plain" else NEAREST
+        self.range = None if packed else self._context.texture(wanted, 2, dtype="f4")
+        for texture in self._textures():
+            texture.filter = NEAREST if method_of(plan.settings).adaptive else LINEAR
             texture.repeat_x = texture.repeat_y = False
-        self.framebuffer = self._context.framebuffer([*self.coefficients, self.range])
+        self.framebuffer = self._context.framebuffer(self._textures())
         self._shape = shape
         self.owners = {t: name for t, name in owners.items() if t < plan.map_atlas.capacity}
         if before:
@@ -234,16 +237,19 @@ class MapAtlas:
                 resource.release()
         return not before
 
+    def _textures(self) -> list[moderngl.Texture]:
+        return [*self.values, *([self.range] if self.range is not None else [])]
+
     def owner(self, plan: Plan, tile: int) -> str | None:
         """The name of the pass whose map is in a tile of the plan; None where there is none that fits the plan."""
         return self.owners.get(tile) if self._shape == self._shape_of(plan) else None
 
     def release(self) -> None:
         """Free the textures."""
-        for resource in (self.framebuffer, self.range, *self.coefficients):
-            if resource is not None:
+        if self.framebuffer is not None:
+            for resource in (self.framebuffer, *self._textures()):
                 resource.release()
-        self.coefficients, self.range, self.framebuffer, self._shape = [], None, None, None
+        self.values, self.range, self.framebuffer, self._shape = [], None, None, None
         self.owners = {}
 
 
@@ -285,6 +291,9 @@ class ShadowAtlas:
             before[0].release()
             before[1].release()
         return not fits
+
+    def _textures(self) -> list[moderngl.Texture]:
+        return [*self.values, *([self.range] if self.range is not None else [])]
 
     def owner(self, plan: Plan, tile: int) -> str | None:
         """The name of the pass whose map is in a tile of the plan; None where there is none that fits the plan."""

@@ -136,8 +136,8 @@ def clamp_radius(light: Light) -> float:
     return 0.0 if light.kind != "sphere" or light.treat_as_point else light.world_radius
 
 
-def pack_light_maps(plan: Plan, batch: range, weighting: float) -> bytes:
-    """The `LightMaps` block of one batch; `weighting` is the exponent α that curves are raised to."""
+def pack_light_maps(plan: Plan, batch: range) -> bytes:
+    """The `LightMaps` block of one batch."""
     count = max(len(plan.volumes), 1)
     rows = np.zeros((plan.defines["LIGHT_CAPACITY"] * count, _LIGHT_MAP_ROWS, 4), np.float32)
     for item in plan.maps:
@@ -149,5 +149,5 @@ def pack_light_maps(plan: Plan, batch: range, weighting: float) -> bytes:
         row[4, :3], row[4, 3] = fit.centre - plan.origin, MAP_KINDS_NUMBERS[fit.kind]
         row[5, :3] = fit.from_light
         row[5, 3] = np.linalg.norm(fit.from_light)
-        row[6] = (*plan.map_atlas.corner(item.tile), weighting / item.reference, 1.0)
+        row[6] = (*plan.map_atlas.corner(item.tile), item.weighting / item.reference, 1.0)
     return rows.tobytes()

@@ -1,6 +1,7 @@
 // The transmittance maps of all lights of a batch through all volumes, as tiles of one atlas.
 
 #include "include/light_map.glsl"
+#include "include/map_curve.glsl"
 
 struct LightMap {
     mat4 to_map;       // point relative to the volume's centre -> (U, V, -, W)
@@ -12,18 +13,25 @@ struct LightMap {
 layout(std140) uniform LightMaps { LightMap light_maps[LIGHT_CAPACITY * VOLUME_COUNT]; };
 
 uniform float map_size;
-uniform sampler2D map_coefficients0;
+#if MAP_BYTES
+uniform usampler2D map_values0;
 #if MAP_LAYERS > 1
-uniform sampler2D map_coefficients1;
+uniform usampler2D map_values1;
+#endif
+#else
+uniform sampler2D map_values0;
+#if MAP_LAYERS > 1
+uniform sampler2D map_values1;
 #endif
 #if MAP_LAYERS > 2
-uniform sampler2D map_coefficients2;
+uniform sampler2D map_values2;
 #endif
 #if MAP_LAYERS > 3
-uniform sampler2D map_coefficients3;
+uniform sampler2D map_values3;
 #endif
 #if MAP_LAYERS > 4
-uniform sampler2D map_coefficients4;
+uniform sampler2D map_values4;
+#endif
 #endif
 
 // Map coordinate of a point relative to the volume's centre; false outside the map, where there is nothing on the way.
@@ -36,19 +44,6 @@ bool map_coordinate(int m, vec3 y, out vec2 uv) {
     if (h.w <= 0.0) return false;
     uv = h.xy / h.w;
     return all(greaterThan(uv, vec2(0.0))) && all(lessThan(uv, vec2(1.0)));
-}
-
-// Sum of c_0/2 + sum_j c_j cos(j pi x), Clenshaw's recurrence; `c` holds COEFFICIENTS values in order.
-float cosine_series(vec4 c[MAP_LAYERS], float x) {
-    float twice = 2.0 * cos(3.14159265358979 * x);
-    float b1 = 0.0;
-    float b2 = 0.0;
-    for (int j = COEFFICIENTS - 1; j > 0; --j) {
-        float b0 = c[j >> 2][j & 3] + twice * b1 - b2;
-        b2 = b1;
-        b1 = b0;
-    }
-    return 0.5 * c[0].x + 0.5 * twice * b1 - b2;
 }
 
 vec3 raised(float value, vec3 exponent) {

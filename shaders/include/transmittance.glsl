@@ -1,24 +1,21 @@
 // How much light gets to a point through all media: `vec3 light_transmittance(int light, vec3 position)`.
-// METHOD picks one of the interchangeable implementations; homogeneous shapes are always taken in closed form ([TFM11] eq. 5).
+// HAS_MAPS and MAP_ADAPTIVE pick one of the interchangeable implementations; homogeneous shapes are always taken in closed form
+// ([TFM11] eq. 5).
 
 #include "include/medium.glsl"
 #include "include/lights.glsl"
 
-const int METHOD_TFM = 0;
-const int METHOD_TFM_PLAIN = 1;
-const int METHOD_MARCH = 2;
-
 #if VOLUME_COUNT > 0
 #if HAS_GRIDS
-#if METHOD != 2
-#include "include/light_map_lookup.glsl"
-#endif
-#if METHOD == 0
-#include "include/transmittance_tfm.glsl"
-#elif METHOD == 1
-#include "include/transmittance_tfm_plain.glsl"
-#else
+#if !HAS_MAPS
 #include "include/transmittance_march.glsl"
+#else
+#include "include/light_map_lookup.glsl"
+#if MAP_ADAPTIVE
+#include "include/transmittance_adaptive.glsl"
+#else
+#include "include/transmittance_full_range.glsl"
+#endif
 #endif
 #endif
 

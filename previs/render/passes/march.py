@@ -31,6 +31,7 @@ def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
                 program.set(
                     opacity_cutoff=plan.settings.opacity_cutoff,
                     projective_minimum=projective_minimum(plan.settings),
+                    most_cuts=plan.cuts,
                     slice_begin=part.start,
                     slice_end=part.stop,
                     first_slice=part is plan.slices[0],

@@ -9,7 +9,8 @@ import moderngl
 import numpy as np
 
 from ..frame import Frame
-from ..plan import MAP_KINDS_NUMBERS, PlannedMap, PlannedPass, density_weighting
+from ..method import method_of
+from ..plan import MAP_KINDS_NUMBERS, PlannedMap, PlannedPass
 from ..uniforms import step_length
 
 #: Stored optical depth that the start of an adaptive range may leave out.
@@ -27,16 +28,13 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
     program = frame.shaders.get(
         "fullscreen.vert",
         "transmittance_map.frag",
-        METHOD=plan.defines["METHOD"],
-        COEFFICIENTS=settings.coefficients,
-        MAP_LAYERS=plan.defines["MAP_LAYERS"],
+        **method_of(settings).defines(settings),
         SECOND_MARCH_STEPS=SECOND_MARCH_STEPS,
     )
     box_to_world = placement.box_to_local @ np.asarray(volume.local_to_world, float)
     box_to_world = np.array(box_to_world)
     box_to_world[3, :3] -= fit.centre
-    weighting = density_weighting(plan.volumes, settings)
-    stored = item.reference / weighting
+    stored = item.reference / item.weighting
     left, bottom = plan.map_atlas.corner(item.tile)
     frame.maps.owners[item.tile] = planned.name
     framebuffer = frame.maps.framebuffer
@@ -51,8 +49,8 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
                 ray_direction=np.asarray(fit.ray_direction, np.float32).tobytes(),
                 from_light=(*fit.from_light, float(np.linalg.norm(fit.from_light))),
                 stored=stored,
-                end_depth=-math.log(settings.threshold) * stored / item.weakest,
-                begin_depth=BEGIN_DEPTH / weighting,
+                end_depth=-math.log(item.threshold) * stored / item.weakest,
+                begin_depth=BEGIN_DEPTH / item.weighting,
                 step_length=step_length(volume, frame.density.placements, settings.light_steps),
             )
             frame.bind(density_atlas=frame.density.texture)

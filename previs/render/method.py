@@ -1,0 +1,103 @@
+"""The interchangeable ways to attenuate light on its way into the media, and what each needs of the pipeline.
+
+A method is a row of `METHODS`: how its maps are generated and looked up (defines of the shaders), what a texel holds,
+and what it is content with where knobs are left to the plan. The names are those of the `transmittance` knob.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from ..settings import Settings
+
+Curve = Literal["cosine", "legendre", "quantile"]
+
+CURVE_NUMBERS: Mapping[Curve, int] = {"cosine": 0, "legendre": 1, "quantile": 2}
+#: Transmittance at which an adaptive range ends when that is left to the plan [ATFM12].
+THRESHOLD = 0.01
+#: The same for a light inside a volume. All that is seen of it from outside has passed most of the medium, where
+#: nothing brighter is beside it: the curve must be known far below the usual threshold, in a power that keeps its digits
+#: there.
+THRESHOLD_INSIDE, WEIGHTING_INSIDE = 1e-6, 8.0
+#: No power is stored higher than this: the root of a curve gets so flat that half floats blur it.
+MOST_WEIGHTING = 16.0
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to find the transmittance from a light to a point.
+
+    Attributes:
+        name: value of the `transmittance` knob.
+        curve: what a texel of its maps holds; None for a method without maps.
+        adaptive: whether every texel has a range of its own [ATFM12], so that lookups evaluate neighbouring texels
+            one by one; else all share the volume's bounds [TFM11] and the texture unit blends coefficients.
+        weighting: exponent α where it is left to the plan: maps hold T^(1/α) [TFM11 section 6.2].
+        values: what its numbers are called.
+        words: what it does, for the plan's reason, after the number of values.
+    """
+
+    name: str
+    curve: Curve | None
+    adaptive: bool
+    weighting: float
+    values: str
+    words: str
+
+    @property
+    def has_maps(self) -> bool:
+        """Whether it fills transmittance maps."""
+        return self.curve is not None
+
+    def why(self, coefficients: int) -> str:
+        """A few words on it for a plan."""
+        return f"{coefficients} {self.values}, {self.words}" if self.has_maps else self.words
+
+    def defines(self, settings: Settings) -> dict[str, int | bool]:
+        """What the shaders are compiled for."""
+        return {
+            "HAS_MAPS": self.has_maps,
+            "MAP_ADAPTIVE": self.adaptive,
+            "MAP_CURVE": CURVE_NUMBERS[self.curve or "cosine"],
+            "MAP_BYTES": self.packs_bytes(settings),
+            "COEFFICIENTS": settings.coefficients,
+            "MAP_LAYERS": self.layers(settings),
+            "MAP_FILTER": ("nearest", "blend", "stochastic").index(settings.map_filter),
+        }
+
+    def packs_bytes(self, settings: Settings) -> bool:
+        """Whether its texels are packed into whole numbers, eight bits a value."""
+        return self.curve == "quantile" and settings.map_storage == "byte"
+
+    def layers(self, settings: Settings) -> int:
+        """RGBA textures that its maps take besides that of the range, which packed texels do not have."""
+        if self.packs_bytes(settings):
+            # A texel of four whole numbers holds the range, its end, the tail and five depths; another sixteen depths.
+            return 1 if settings.coefficients <= 6 else 2
+        # The values, then the tail's extinction and the transmittance at the range's end.
+        return -(-(settings.coefficients + 2) // 4)
+
+    def texel_bytes(self, settings: Settings) -> int:
+        """Bytes of a texel in all textures."""
+        if self.packs_bytes(settings):
+            return 16 * self.layers(settings)
+        return 8 + 8 * self.layers(settings)
+
+
+METHODS: Mapping[str, Method] = {
+    m.name: m
+    for m in (
+        Method("tfm", "cosine", True, 2.0, "coefficients", "adaptive range"),
+        Method("tfm-plain", "cosine", False, 1.0, "coefficients", "full range"),
+        Method("legendre", "legendre", True, 1.0, "coefficients", "Legendre polynomials, adaptive range"),
+        Method("quantile", "quantile", True, 2.0, "depths", "quantiles of the transmittance"),
+        Method("march", None, False, 1.0, "", "brute force towards every light"),
+    )
+}
+
+
+def method_of(settings: Settings) -> Method:
+    """The method that the settings ask for."""
+    return METHODS[settings.transmittance]

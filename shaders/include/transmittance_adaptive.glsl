@@ -1,0 +1,135 @@
+// Maps whose texels have each a range of their own [ATFM12], which ends where the curve has fallen below a threshold. What
+// neighbouring texels hold cannot be interpolated: the curves are evaluated and their transmittance is blended, or one is picked.
+
+#if MAP_BYTES
+
+float byte_of(uint word, int i) {
+    return float((word >> uint(8 * i)) & 255u) * (1.0 / 255.0);
+}
+
+float curve(ivec2 texel, float k) {
+    uvec4 head = texelFetch(map_values0, texel, 0);
+    vec2 range = uintBitsToFloat(head.xy);
+    float x = (k - range.x) / (range.y - range.x);
+    if (x <= 0.0) return 1.0;
+    float end = float(head.w >> 16u) * (1.0 / 65535.0);
+    uint code = (head.w >> 8u) & 255u;
+    if (x >= 1.0) return code == 0u ? end : end * exp(-exp2(float(code - 1u) * TAIL_STEP - TAIL_LEAST) * (x - 1.0));
+    // All depths in a row of vectors, as half floats would be.
+    vec4 c[4];
+    c[0] = vec4(byte_of(head.z, 0), byte_of(head.z, 1), byte_of(head.z, 2), byte_of(head.z, 3));
+    c[1] = vec4(byte_of(head.w, 0), 1.0, 1.0, 1.0);
+#if MAP_LAYERS > 1
+    uvec4 more = texelFetch(map_values1, texel, 0);
+    c[1].yzw = vec3(byte_of(more.x, 0), byte_of(more.x, 1), byte_of(more.x, 2));
+    c[2] = vec4(byte_of(more.x, 3), byte_of(more.y, 0), byte_of(more.y, 1), byte_of(more.y, 2));
+    c[3] = vec4(byte_of(more.y, 3), byte_of(more.z, 0), byte_of(more.z, 1), byte_of(more.z, 2));
+#endif
+    return clamp(map_curve(c, x, end), end, 1.0);
+}
+
+vec2 stored_range(ivec2 texel) {
+    return uintBitsToFloat(texelFetch(map_values0, texel, 0).xy);
+}
+
+#else
+
+uniform sampler2D map_range;
+
+float curve(ivec2 texel, float k) {
+    vec2 range = texelFetch(map_range, texel, 0).xy;
+    float x = (k - range.x) / (range.y - range.x);
+    if (x <= 0.0) return 1.0;
+    vec4 c[MAP_LAYERS];
+    c[MAP_LAYERS - 1] =
+#if MAP_LAYERS == 1
+        texelFetch(map_values0, texel, 0);
+#elif MAP_LAYERS == 2
+        texelFetch(map_values1, texel, 0);
+#elif MAP_LAYERS == 3
+        texelFetch(map_values2, texel, 0);
+#elif MAP_LAYERS == 4
+        texelFetch(map_values3, texel, 0);
+#else
+        texelFetch(map_values4, texel, 0);
+#endif
+    float tail = c[COEFFICIENTS >> 2][COEFFICIENTS & 3];
+    float end = c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3];
+    if (x >= 1.0) return end * exp(-tail * (x - 1.0));
+#if MAP_LAYERS > 1
+    c[0] = texelFetch(map_values0, texel, 0);
+#endif
+#if MAP_LAYERS > 2
+    c[1] = texelFetch(map_values1, texel, 0);
+#endif
+#if MAP_LAYERS > 3
+    c[2] = texelFetch(map_values2, texel, 0);
+#endif
+#if MAP_LAYERS > 4
+    c[3] = texelFetch(map_values3, texel, 0);
+#endif
+    // A transmittance never rises: inside the range it lies between 1 and its value at the end.
+    return clamp(map_curve(c, x, end), end, 1.0);
+}
+
+vec2 stored_range(ivec2 texel) {
+    return texelFetch(map_range, texel, 0).xy;
+}
+
+#endif
+
+ivec2 map_texel(int m, ivec2 p) {
+    int last = int(map_size) - 1;
+    if (int(light_maps[m].centre.w) == MAP_OCTAHEDRAL) {
+        // The square's edges are folded onto themselves.
+        if (p.x < 0) p = ivec2(-1 - p.x, last - p.y);
+        if (p.x > last) p = ivec2(2 * last + 1 - p.x, last - p.y);
+        if (p.y < 0) p = ivec2(last - p.x, -1 - p.y);
+        if (p.y > last) p = ivec2(last - p.x, 2 * last + 1 - p.y);
+    }
+    return ivec2(light_maps[m].tile.xy) + clamp(p, ivec2(0), ivec2(last));
+}
+
+#define FILTER_NEAREST 0
+#define FILTER_BLEND 1
+#define FILTER_STOCHASTIC 2
+
+#if MAP_FILTER == FILTER_STOCHASTIC
+// Two random numbers in [0, 1) from a position: the hash of Jarzynski and Olano (2020), pcg3d, on its bits.
+vec2 random_pair(vec3 position) {
+    uvec3 v = floatBitsToUint(position) * 1664525u + 1013904223u;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    v.z += v.x * v.y;
+    v ^= v >> 16u;
+    v.x += v.y * v.z;
+    v.y += v.z * v.x;
+    return vec2(v.xy >> 8u) * (1.0 / 16777216.0);
+}
+#endif
+
+vec3 grid_transmittance(int i, int v, vec3 position, vec3 travel) {
+    int m = i * VOLUME_COUNT + v;
+    vec3 y = position - light_maps[m].centre.xyz;
+    vec2 uv;
+    if (!map_coordinate(m, y, uv)) return vec3(1.0);
+    float k = distance_along_light(int(light_maps[m].centre.w), y, light_maps[m].from_light);
+    vec3 exponent = volumes[v].strength.rgb * light_maps[m].tile.z;
+    vec2 p = uv * map_size;
+#if MAP_FILTER == FILTER_BLEND
+    p -= 0.5;
+    ivec2 corner = ivec2(floor(p));
+    vec2 f = p - vec2(corner);
+    vec3 row0 = mix(raised(curve(map_texel(m, corner), k), exponent),
+                    raised(curve(map_texel(m, corner + ivec2(1, 0)), k), exponent), f.x);
+    vec3 row1 = mix(raised(curve(map_texel(m, corner + ivec2(0, 1)), k), exponent),
+                    raised(curve(map_texel(m, corner + ivec2(1, 1)), k), exponent), f.x);
+    return mix(row0, row1, f.y);
+#else
+#if MAP_FILTER == FILTER_STOCHASTIC
+    // The texel in which a point falls that is moved by up to half a texel at random is one of the four neighbours, by its weight.
+    p += random_pair(position) - 0.5;
+#endif
+    return raised(curve(map_texel(m, ivec2(floor(p))), k), exponent);
+#endif
+}
