@@ -1,0 +1,62 @@
+"""What every renderer of participating media is tried on: the situations that a hard case covers, one line each."""
+
+LINES: tuple[str, ...] = (
+    # The medium.
+    "zero density",
+    "optical depth from 1e-6 to 1e6",
+    "albedo 0",
+    "albedo 1",
+    "anisotropy towards ±1",
+    "extinction 100 times apart between channels",
+    "NaN voxels",
+    "infinite voxels",
+    "negative voxels",
+    "density outside the range of half floats",
+    # The place of camera and lights.
+    "camera inside the medium",
+    "light inside the medium",
+    "light on the boundary of the medium",
+    "light exactly behind the medium",
+    # Shape and transform of the volume.
+    "bounds of zero thickness",
+    "a volume of one voxel",
+    "non-uniform scale",
+    "shear",
+    "mirrored transform",
+    "scene 1e5 units from the origin",
+    "scene of size 1e-3",
+    "scene of size 1e5",
+    # Meshes.
+    "mesh that cuts through the medium",
+    "mesh that touches the boundary of the medium",
+    "closed mesh around the light",
+    # Several volumes, and awkward distributions of density.
+    "two overlapping volumes",
+    "volume inside a volume",
+    "two blobs with a gap",
+    "thin dense sheet",
+    "dense voxel layer at the far end",
+    "sparse grid whose bounds are thousands of voxels wide",
+    "empty grid",
+    # What is not there.
+    "missing file",
+    "truncated file",
+    "corrupted file",
+    "no lights",
+    "no camera",
+    "no volume",
+    # What must hold whatever the picture is.
+    "furnace: albedo 1 under uniform light",
+    "no light gained: never brighter than without shadows",
+    "mirrored scene, mirrored picture",
+    "turned scene and camera, same picture",
+    "turned grid, same picture",
+    "one volume or eight that abut, same picture",
+    "density times two with extinction over two, same picture",
+    "no jump as the anisotropy passes 0 and nears its limit",
+    "no jump as the density passes the largest half float",
+    "no jump as the optical depth or the knob passes the threshold of the maps",
+    "no jump as the optical depth passes the opacity cutoff",
+    "no jump as the camera passes a face of the volume",
+    "no jump as the light passes a face of the volume",
+)
