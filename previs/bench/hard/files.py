@@ -18,7 +18,7 @@ from ...description import SceneDescription
 from ...errors import PrevisError
 from ...scene import Scene
 from .media import COARSE
-from .records import CLOUD, FRONT, SIDE, TURNED, box_mesh, cloud, cube_transform, distant, fog, scene, volume
+from .records import CLOUD, FRONT, SIDE, box_mesh, cloud, cube_transform, distant, scene
 from .trial import ANY, Trial, case
 
 _STAGE = """#usda 1.0
@@ -107,10 +107,10 @@ def _read_or_refused(trial: Trial, read: Callable[[], SceneDescription]) -> None
         described = read()
         trial.render(described, FRONT, **COARSE)
     except PrevisError as error:
-        trial.measure("\n" in str(error) or "smoke.vdb" not in str(error), 0.0, "not one line with the file:")
+        trial.measure("\n" in str(error) or "smoke.vdb" not in str(error), 0.0, "not one line with the file", "flag")
 
 
-@case("NaN voxels", "infinite voxels", "negative voxels", coefficients=(6,))
+@case("NaN voxels", "infinite voxels", "negative voxels", methods=(ANY,))
 def bad_voxels(trial: Trial) -> None:
     """Cleaned, counted and reported; the picture is that of the same grid with zeros and its largest value."""
     bad, good = CLOUD.copy(), CLOUD.copy()
@@ -153,7 +153,7 @@ def anisotropy_beyond_its_limit(trial: Trial) -> None:
         trial.same(trial.render(described, FRONT, **COARSE), trial.render(expected, FRONT, **COARSE), 1e-6)
 
 
-@case("no lights", coefficients=(6,))
+@case("no lights", methods=(ANY,))
 def no_lights(trial: Trial) -> None:
     """Black, and as opaque as with lights."""
     dark = trial.render(scene(cloud(3.0), box_mesh((-2, -1.6, -2), (2, -1.4, 2))), FRONT, **COARSE)

@@ -32,7 +32,7 @@ from .records import (
     translation,
     volume,
 )
-from .trial import ANY, SAME, Trial, case
+from .trial import ANY, MAPS_AND_MARCH, SAME, Trial, case
 
 #: A constant block of voxels in the cube from −1 to 1: its field falls to 0 over the last voxel before the faces.
 BLOCK = np.ones((12, 12, 12))
@@ -56,7 +56,7 @@ def camera_on_the_boundary(trial: Trial) -> None:
             trial.measure(trial.render(scene(medium, SIDE), view).color.max(), 0.0, "light from behind the camera")
 
 
-@case("no jump as the camera passes a face of the volume", coefficients=(6,))
+@case("no jump as the camera passes a face of the volume", methods=(ANY,))
 def camera_through_a_face(trial: Trial) -> None:
     """Nothing jumps as the camera enters, by steps of a few millionths of the volume."""
     for medium in (volume(BLOCK, fog(1.5)), box(fog(1.5))):
@@ -87,7 +87,7 @@ def light_on_the_boundary(trial: Trial) -> None:
 @case("no jump as the light passes a face of the volume", coefficients=(6,))
 def light_through_a_face(trial: Trial) -> None:
     """The projection of the map changes as the light enters; the picture may not, beyond the error of the method."""
-    places = [(1.0 + d, 0.11, 0.07) for d in (-1e-2, -1e-4, -1e-6, 0.0, 1e-6, 1e-4, 1e-2)]
+    places = [(1.0 + d, 0.11, 0.07) for d in (-1e-4, -1e-6, 0.0, 1e-6, 1e-4)]
     block = volume(BLOCK, fog(2.0))
     images = [trial.render(scene(block, point(p)), map_size=128) for p in places]
     trial.continuous(images, 0.5 * trial.limits[0] + SAME)
@@ -101,7 +101,7 @@ def light_exactly_behind(trial: Trial) -> None:
         trial.right(scene(cloud(5.0, anisotropy=0.8), light), view)
 
 
-@case("bounds of zero thickness", coefficients=(6,))
+@case("bounds of zero thickness", methods=(ANY,))
 def flat_volumes(trial: Trial) -> None:
     """Volumes that are flat, or made so by a transform, are left out and said to be; the rest of the scene stays."""
     rest = (cloud(3.0), SIDE)
@@ -129,15 +129,15 @@ def stretched_sheared_mirrored(trial: Trial) -> None:
         trial.right(scene(cloud(3.0, matrix @ TURNED), SIDE))
 
 
-@case("mirrored transform", "mirrored scene, mirrored picture", coefficients=(6,))
+@case("mirrored transform", "mirrored scene, mirrored picture", methods=MAPS_AND_MARCH, coefficients=(6,))
 def mirrored_scene(trial: Trial) -> None:
     """The whole scene in a mirror, seen by a camera on the other side: the picture flipped."""
     mirror = scaling(-1.0, 1.0, 1.0)
     lit = scene(cloud(4.0), box_mesh((0.3, -1.3, 0.2), (0.7, 0.4, 0.6)), SIDE)
     for held, view in ((lit, FRONT), (scene(cloud(4.0), point((-1.4, 1.2, 0.9))), FRONT)):
         mirrored = camera((-1.2, 0.9, 5.5))
-        image = trial.render(held, view, map_size=256, steps=192, light_steps=192)
-        other = trial.render(moved(held, mirror), mirrored, map_size=256, steps=192, light_steps=192)
+        image = trial.render(held, view, map_size=128, steps=128, light_steps=128)
+        other = trial.render(moved(held, mirror), mirrored, map_size=128, steps=128, light_steps=128)
         trial.same(other.color[:, ::-1], image, 2.0 * SAME, "not mirrored by")
 
 
@@ -151,7 +151,7 @@ def furnished() -> SceneDescription:
 _FURNISHED = {"steps": 96, "light_steps": 96, "map_size": 64, "shadow_map_size": 1024}
 
 
-@case("scene 1e5 units from the origin", coefficients=(6,))
+@case("scene 1e5 units from the origin", methods=MAPS_AND_MARCH, coefficients=(6,))
 def far_from_the_origin(trial: Trial) -> None:
     """A scene a hundred thousand units away looks as it does at the origin."""
     near = trial.render(furnished(), **_FURNISHED)
@@ -161,7 +161,7 @@ def far_from_the_origin(trial: Trial) -> None:
         trial.same(far, near)
 
 
-@case("scene of size 1e-3", "scene of size 1e5", coefficients=(6,))
+@case("scene of size 1e-3", "scene of size 1e5", methods=MAPS_AND_MARCH, coefficients=(6,))
 def small_and_large_scenes(trial: Trial) -> None:
     """Lengths times s, extinctions over s and radiant intensities times s²: the same picture."""
     near = trial.render(furnished(), **_FURNISHED)
@@ -171,10 +171,10 @@ def small_and_large_scenes(trial: Trial) -> None:
         trial.same(image, near)
 
 
-@case("turned scene and camera, same picture", coefficients=(6,))
+@case("turned scene and camera, same picture", methods=MAPS_AND_MARCH, coefficients=(6,))
 def turned_scene_and_camera(trial: Trial) -> None:
     """Everything turned together: grid, mesh, lights, camera."""
-    settings = {"steps": 256, "light_steps": 256, "map_size": 256, "shadow_map_size": 2048}
+    settings = {"steps": 192, "light_steps": 192, "map_size": 192, "shadow_map_size": 2048}
     straight = trial.render(furnished(), **settings)
     for turn in (rotation((0.0, 1.0, 0.0), 90.0), rotation((0.5, -0.7, 0.2), 77.0)):
         image = trial.render(moved(furnished(), turn), placed_camera(FRONT, turn), **settings)
@@ -194,30 +194,34 @@ def turned_grid(trial: Trial) -> None:
         trial.same(image, straight)
 
 
-@case("mesh that cuts through the medium", coefficients=(6,))
+@case("mesh that cuts through the medium", methods=MAPS_AND_MARCH, coefficients=(6,))
 def mesh_through_the_medium(trial: Trial) -> None:
     """A slab through the middle of the cloud: it ends view rays and light rays inside, and is shadowed by the cloud."""
     slab = box_mesh((-1.4, -0.12, -0.5), (1.4, 0.08, 0.6))
-    trial.right(scene(cloud(4.0), slab, distant((-0.5, -1.0, -0.3))), shadow_map_size=4096)
-    trial.right(scene(cloud(4.0), slab, point((0.4, 1.6, 0.5))), shadow_map_size=4096)
+    trial.right(scene(cloud(4.0), slab, distant((-0.5, -1.0, -0.3))))
+    trial.right(scene(cloud(4.0), slab, point((0.4, 1.6, 0.5))))
 
 
-@case("mesh that touches the boundary of the medium", coefficients=(6,))
+@case("mesh that touches the boundary of the medium", methods=MAPS_AND_MARCH, coefficients=(6,))
 def mesh_on_the_boundary(trial: Trial) -> None:
     """A block of voxels that stands on a floor, its face in the floor's plane; and one whose side is walled."""
     block, sun = volume(BLOCK, fog(1.5)), distant((-0.5, -1.0, -0.3))
     floor, wall = box_mesh((-3, -1.5, -3), (3, -1.0, 3)), box_mesh((1.0, -1, -1), (1.2, 1, 1))
-    trial.right(scene(block, floor, sun), shadow_map_size=4096)
-    trial.right(scene(block, wall, sun), shadow_map_size=4096)
+    trial.right(scene(block, floor, sun))
+    trial.right(scene(block, wall, sun))
 
 
-@case("closed mesh around the light", coefficients=(6,))
+@case("closed mesh around the light", methods=(ANY,))
 def closed_mesh_round_the_light(trial: Trial) -> None:
-    """A bulb shut in a box in the cloud: outside of it all is dark."""
-    bulb = point((0.03, 0.02, -0.04))
-    shut = trial.render(scene(cloud(3.0), box_mesh((-0.2,) * 3, (0.2,) * 3), bulb), steps=256)
-    free = trial.render(scene(cloud(3.0), bulb), steps=256)
-    trial.measure(shut.color.max() / free.color.mean(), 1e-3, "light that leaks", "%")
+    """A bulb shut in a box in the cloud: outside of it all is dark, but for what a shadow map cannot resolve."""
+    texels, half, intensity = 1024, 0.2, 4.0
+    bulb = point((0.03, 0.02, -0.04), intensity)
+    held = scene(cloud(3.0), box_mesh((-half,) * 3, (half,) * 3), bulb)
+    image = trial.render(held, shadow_map_size=texels)
+    # Two texels of medium right outside the wall, where the bulb is nearest, lit in full: σs · I/d² · p · thickness.
+    layer, nearest = 2.0 * 2.0 * half / texels, half - 0.04
+    leak = 0.9 * 3.0 / COLUMN * intensity / nearest**2 / (4.0 * np.pi) * layer
+    trial.measure(image.color.max(), leak, "light that leaks")
 
 
 @case("light inside the medium", "closed mesh around the light", methods=(ANY,))
@@ -225,7 +229,7 @@ def light_on_a_mesh(trial: Trial) -> None:
     """A bulb on the surface of a box in a medium: finite, and lit at least on its own side."""
     held = scene(cloud(3.0), box_mesh((-0.2,) * 3, (0.2,) * 3), point((0.2, 0.0, 0.0)))
     image = trial.render(held)
-    trial.measure(1.0 / max(float(image.color.max()), 1e-30), 1e3, "one over the brightest pixel")
+    trial.measure(not image.color.max() > 1e-2, 0.0, "nothing is lit", "flag")
 
 
 @case("no light gained: never brighter than without shadows", "light inside the medium", coefficients=(6,))

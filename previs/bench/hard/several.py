@@ -1,9 +1,10 @@
-"""Hard cases of several volumes, and of densities that are awkward to sample: sheets, gaps, far layers, sparse grids."""
+"""Hard cases of several volumes, and of densities that are awkward to sample: sheets, gaps, sparse grids."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ... import metrics
 from ...description import Volume
 from ...vdb import Grid
 from ...vdb.grid import Tiles
@@ -25,10 +26,10 @@ from .records import (
     translation,
     volume,
 )
-from .trial import ANY, Trial, case
+from .trial import ANY, MAPS_AND_MARCH, MARCH, Trial, case
 
 
-@case("two overlapping volumes", coefficients=(6,))
+@case("two overlapping volumes", methods=MAPS_AND_MARCH, coefficients=(6,))
 def overlapping_volumes(trial: Trial) -> None:
     """Coefficients add: two clouds of different colour across each other, and one cloud as two of half its density."""
     red = cloud((0.5, 2.0, 4.0), albedo=(0.9, 0.5, 0.3), anisotropy=0.6)
@@ -40,7 +41,7 @@ def overlapping_volumes(trial: Trial) -> None:
     trial.same(trial.render(scene(cloud(2.0), cloud(2.0, path="/Again"), SIDE), **COARSE), once, limit)
 
 
-@case("volume inside a volume", coefficients=(6,))
+@case("volume inside a volume", methods=MAPS_AND_MARCH, coefficients=(6,))
 def volume_inside_a_volume(trial: Trial) -> None:
     """A dense core of voxels in a cloud, and a homogeneous ball in it."""
     core = volume(CLOUD, fog((4.0, 16.0, 32.0)), np.diag([0.3, 0.3, 0.3, 1.0]) @ translation(0.2, 0.1, 0.0), "/Core")
@@ -60,7 +61,7 @@ def one_box_or_eight(trial: Trial) -> None:
     trial.same(trial.render(scene(*parts, SIDE)), whole)
 
 
-@case("one volume or eight that abut, same picture", coefficients=(6,))
+@case("one volume or eight that abut, same picture", methods=MAPS_AND_MARCH, coefficients=(6,))
 def one_grid_or_eight(trial: Trial) -> None:
     """A grid cut into eight: each falls to 0 over the voxel in which its neighbour rises, so that they add up."""
     medium, transform, parts = fog(3.0), cube_transform(CLOUD.shape), []
@@ -119,7 +120,7 @@ def _spread(count: int) -> Grid:
     return Grid("density", np.eye(4), np.zeros((0, 3), np.int32), empty, empty.astype(bool), tiles=tiles)
 
 
-@case("sparse grid whose bounds are thousands of voxels wide", coefficients=(6,))
+@case("sparse grid whose bounds are thousands of voxels wide", methods=(ANY,))
 def sparse_grid_4096_voxels_wide(trial: Trial) -> None:
     """Two blocks in opposite corners of 4096³ voxels: they do not fit as they are, are averaged, and that is said.
 
@@ -148,10 +149,16 @@ def sparse_column_1600_voxels_long(trial: Trial) -> None:
     view, light = camera((8.0, 9.0, 40.0), (3.5, 3.5, 3.5), 20.0), distant((-0.2, -1.0, -0.5))
     long = Volume("/Long", np.eye(4), fog(0.5), density=field_of(grid))
     image = trial.render(scene(long, light), view)
-    trial.same(image, trial.render(scene(alone, light), view), trial.limits[0])
+    # A map has fewer texels than the column has voxels: its shadows are blurred, which is for the program to say.
+    difference = metrics.mean_relative_error(image.color, trial.render(scene(alone, light), view).color)
+    if trial.method != MARCH and difference > trial.limits[0]:
+        trial.told(image.stats["notes"], "/Long", "texels")
+        trial.measure(difference, 0.25, "difference", "%")
+    else:
+        trial.measure(difference, trial.limits[0], "difference", "%")
 
 
-@case("empty grid", coefficients=(6,))
+@case("empty grid", methods=(ANY,))
 def empty_grid(trial: Trial) -> None:
     """A grid without an active voxel is not there, and is said to be empty; the rest of the scene stays."""
     nothing = volume(np.zeros((4, 4, 4)), fog(), path="/Nothing")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ SIZE = (24, 16)
 METHODS: tuple[str, ...] = BY_NAME["transmittance"].choices
 #: The method that needs no maps, and so no coefficients.
 MARCH = "march"
+#: With maps and without: for what all maps share, such as where a point lies in them.
+MAPS_AND_MARCH: tuple[str, ...] = tuple(dict.fromkeys((BY_NAME["transmittance"].default, MARCH)))
 #: Stands for the method of a case that no method has a part in; it runs with the default one.
 ANY = "any"
 
@@ -33,7 +36,7 @@ LIMITS: Mapping[int, tuple[float, float]] = {0: (0.005, 45.0), 6: (0.03, 40.0), 
 SAME = 1e-3
 
 Verdict = Literal["pass", "reported", "FAIL"]
-Unit = Literal["%", "dB", ""]
+Unit = Literal["%", "dB", "", "flag"]
 
 
 class Rendering(Protocol):
@@ -46,7 +49,7 @@ class Rendering(Protocol):
 
 @dataclass(frozen=True)
 class Measure:
-    """One figure: fails above its limit, PSNR (in dB) below it, and when it is not a number."""
+    """One figure: fails above its limit, PSNR (in dB) below it, and when it is not a number. A flag is 1 or 0."""
 
     value: float
     limit: float
@@ -98,6 +101,8 @@ class Outcome:
     def error(self) -> str:
         """The worst figure in words, with its limit."""
         m = self.worst
+        if m.unit == "flag":
+            return m.meaning if m.failed else "as it should"
         return f"{m.meaning} {m.text(m.value)} ({'≥' if m.unit == 'dB' else '≤'} {m.text(m.limit)})"
 
 
@@ -144,7 +149,7 @@ class Trial:
         planes = {"color": image.color, "alpha": image.alpha, **image.aovs}
         self.measure(sum(int(np.count_nonzero(~np.isfinite(p))) for p in planes.values()), 0.0, "values not finite")
         transmittances = [image.alpha, *(image.aovs[n] for n in ("transmittance",) if n in image.aovs)]
-        outside = max(max(float(np.max(-t)), float(np.max(t)) - 1.0, 0.0) for t in transmittances)
+        outside = max(max(0.0, -float(np.min(t)), float(np.max(t)) - 1.0) for t in transmittances)
         self.measure(outside, 1e-6, "opacity or transmittance outside [0, 1] by")
         self.measure(max(float(-image.color.min()), 0.0), 0.0, "negative radiance")
 
@@ -185,13 +190,13 @@ class Trial:
 
     def continuous(self, images: list[Image], limit: float = SAME, what: str = "jump") -> None:
         """Pictures along a path of tiny steps: none differs from the next one by more than a mean error."""
-        for first, second in zip(images, images[1:], strict=False):
+        for first, second in itertools.pairwise(images):
             self.measure(metrics.mean_relative_error(second.color, first.color), limit, what, "%")
 
     def told(self, notes: Iterable[Note | str], *words: str) -> None:
         """The program says it in a note that holds all these words."""
         found = next((text for text in map(str, notes) if all(w in text for w in words)), None)
-        self.measure(found is None, 0.0, f"no note of {', '.join(words)}:")
+        self.measure(found is None, 0.0, f"no note of: {', '.join(words)}", "flag")
         if found is not None:
             self.reports.append(found)
 
@@ -202,14 +207,18 @@ class Trial:
         except PrevisError as error:
             text = str(error)
             good = "\n" not in text and all(w in text for w in words)
-            self.measure(not good, 0.0, f"not one line that says {', '.join(words)}:")
+            self.measure(not good, 0.0, f"not one line of: {', '.join(words)}", "flag")
             self.reports.append(text)
         else:
-            self.measure(1.0, 0.0, "not refused:")
+            self.measure(1.0, 0.0, "not refused", "flag")
 
     def verdict(self) -> tuple[Measure, Verdict, str]:
         """(the worst figure, the verdict, what the program said)."""
-        worst = max(self.measures, key=lambda m: (m.failed, m.severity), default=Measure(1.0, 0.0, "nothing checked:"))
+        worst = max(
+            self.measures,
+            key=lambda m: (m.failed, m.severity, m.limit),
+            default=Measure(1.0, 0.0, "nothing checked", "flag"),
+        )
         if worst.failed:
             return worst, "FAIL", ""
         return worst, "reported" if self.reports else "pass", self.reports[0] if self.reports else ""
