@@ -1,4 +1,4 @@
-"""The command line: ``previs view | record | info | diff | doctor``.
+"""The command line: ``previs view | record | info | diff | bench | doctor``.
 
 Exit status: 0 done, 1 it could not be done (one line on stderr says what and why), 2 wrong arguments.
 """
@@ -20,6 +20,7 @@ _COMMANDS = {
     "record": "render frames of a stage to picture files",
     "info": "what is in a stage, how it would be rendered, what is not shown as authored",
     "diff": "how far one picture is from another",
+    "bench": "how accurate and how fast each way to render is, as a page with plots and tables",
     "doctor": "whether this machine can render, and what to do if not",
 }
 

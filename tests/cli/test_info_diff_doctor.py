@@ -215,7 +215,7 @@ def test_doctor(run):
     assert lines[-1] == "ready to render"
 
 
-@pytest.mark.parametrize("command", ["view", "record", "info", "diff", "doctor"])
+@pytest.mark.parametrize("command", ["view", "record", "info", "diff", "bench", "doctor"])
 def test_help(command, capsys):
     from previs.cli import main
 

@@ -21,9 +21,10 @@ ALLOWED = {
     "metrics": {"errors"},
     "reference": {"errors"},
     "index": {"description"},
-    "image": {"io"},
+    "meter": {"metrics"},
+    "image": {"io", "meter"},
     "io": {"errors", "image"},
-    "render": {"errors", "blackbody", "description", "settings", "index", "image", "io"},
+    "render": {"errors", "blackbody", "description", "settings", "index", "image", "io", "meter"},
     "stage": {"errors", "description", "settings", "index", "vdb"},
     "scene": {"errors", "blackbody", "description", "settings", "index", "vdb", "stage"},
     "api": {"errors", "description", "settings", "index", "image", "io", "render", "scene"},
@@ -46,6 +47,7 @@ CONFINED = {
     "flip_evaluator": {"metrics"},
     "imgui_bundle": {"ui"},
     "glfw": {"ui"},
+    "matplotlib": {"bench"},
 }
 
 LINE_LIMIT = 700
