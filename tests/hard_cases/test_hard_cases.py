@@ -113,7 +113,7 @@ def trials() -> Iterator[object]:
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize(("case", "method", "coefficients"), trials())
+@pytest.mark.parametrize(("case", "method", "coefficients"), list(trials()))
 def test_hard_case(renderer: previs.Renderer, case: hard.Case, method: str, coefficients: int) -> None:
     outcome = hard.run_case(renderer, case, method, coefficients)
     assert outcome.verdict != "FAIL", f"{outcome.error} {outcome.note}"
