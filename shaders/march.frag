@@ -1,7 +1,7 @@
 // Single scattering along a view ray, front to back [TFM11 eq. 4]:
 //   L = int T(0, t) [ sum_v sigma_s,v (sum_lights p_v L_i V T_light + ambient) + sigma_a,v L_e,v ] dt
-// Steps end on the bounds of the volumes and on the surface. Density is read at their ends and linear between; the exponential is
-// taken analytically, and the light evaluated where the step's extinction has its centroid. A step of more than DEEP_STEP optical depth
+// Steps end on the bounds of the volumes and on the surface. Density is read at their ends and middle and integrated by Simpson's rule;
+// the exponential is taken analytically, and the light evaluated where the step's extinction has its centroid. A step of more than DEEP_STEP optical depth
 // is cut into several, so that the front of a dense medium is resolved however few steps a ray takes.
 
 #include "include/phase.glsl"
@@ -122,9 +122,11 @@ float visible_extinction(float density[VOLUME_COUNT]) {
 }
 
 // What lies between s0 and s1, where the volumes have the densities `from` and `to`.
-void march_step(float s0, float s1, float from[VOLUME_COUNT], float to[VOLUME_COUNT], bool lit) {
+void march_step(float s0, float s1, bool inside[VOLUME_COUNT], float from[VOLUME_COUNT], float to[VOLUME_COUNT], bool lit) {
     float h = s1 - s0;
     vec3 middle = ray.anchor + (0.5 * (s0 + s1)) * ray.direction;
+    float between[VOLUME_COUNT];
+    densities_at(0.5 * (s0 + s1), inside, between);
     vec3 extinction = vec3(0.0);
     vec3 rise = vec3(0.0);
     vec3 scattering[VOLUME_COUNT];
@@ -132,7 +134,7 @@ void march_step(float s0, float s1, float from[VOLUME_COUNT], float to[VOLUME_CO
     vec3 glow = vec3(0.0);
     for (int v = 0; v < VOLUME_COUNT; ++v) {
         scattering[v] = vec3(0.0);
-        float density = 0.5 * (from[v] + to[v]);
+        float density = (from[v] + 4.0 * between[v] + to[v]) * (1.0 / 6.0);
         if (density <= 0.0) continue;
         vec3 sigma_t = density * volumes[v].strength.rgb;
         extinction += sigma_t;
@@ -210,7 +212,7 @@ void march_between(float s0, float s1, bool inside[VOLUME_COUNT], inout float de
         }
         float there[VOLUME_COUNT];
         if (next < s1) densities_at(next, inside, there); else there = last;
-        march_step(s0, next, density, there, lit);
+        march_step(s0, next, inside, density, there, lit);
         density = there;
         s0 = next;
         if (s0 >= s1 || is_opaque()) break;
