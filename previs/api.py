@@ -19,6 +19,7 @@ from .description import Camera, SceneDescription, framing_camera
 from .errors import PrevisError
 from .image import Image
 from .index import RenderIndex
+from .render.measure import ErrorMeter
 from .render.renderer import Renderer
 from .scene import Scene
 from .settings import Settings
@@ -99,6 +100,7 @@ def render(
     size: Sequence[int] | int | None = None,
     time: float | None = None,
     progress: Callable[[float], None] | None = None,
+    measure_error: bool = False,
     **settings: Any,
 ) -> Image:
     """Render a scene.
@@ -109,6 +111,8 @@ def render(
         size: (width, height) in pixels, or a width; None is 960 pixels wide with the camera's aspect.
         time: time code; None is the earliest time of the stage.
         progress: called with the done part of the frame in [0, 1].
+        measure_error: whether to estimate how far the picture is from the truth, from `error_pixels` of its pixels: the
+            `error` of the picture.
         **settings: any knob of `previs.settings.TABLE`, e.g. ``coefficients=14``; the others are as the stage says.
 
     Returns:
@@ -122,7 +126,7 @@ def render(
     Settings(**settings)
     if not isinstance(scene, Scene):
         with open(scene) as opened:
-            return render(opened, camera, size, time, progress, **settings)
+            return render(opened, camera, size, time, progress, measure_error, **settings)
     with _shared.lock:
         values = Settings(**scene.settings(settings))
         description = scene.describe(time)
@@ -132,4 +136,8 @@ def render(
             raise PrevisError(f"image of {pixels[0]}×{pixels[1]} pixels: both must be 1 or more")
         renderer, index = _shared.take(scene)
         index.update(description)
-        return renderer.render(index, chosen, pixels, values, progress)
+        image = renderer.render(index, chosen, pixels, values, progress)
+        if not measure_error:
+            return image
+        with ErrorMeter(renderer) as meter:
+            return image.with_error(meter.measure(index, chosen, image, values))

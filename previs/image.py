@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import Any
 
 import numpy as np
+
+from .meter import ErrorEstimate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -22,6 +24,7 @@ class Image:
         aovs: further planes by name, (H, W, 3): ``albedo`` and ``normal`` of surfaces, ``transmittance`` of the view
             ray through the media, ``volume`` (in-scattered light only), ``emission``; each where the scene has it.
         stats: the plan, what ran, times, memory, notes; see `Renderer.render`.
+        error: how far it is from the truth, where that was measured.
     """
 
     color: np.ndarray
@@ -29,11 +32,16 @@ class Image:
     depth: np.ndarray
     aovs: Mapping[str, np.ndarray] = field(default_factory=dict)
     stats: Mapping[str, Any] = field(default_factory=dict)
+    error: ErrorEstimate | None = None
 
     @property
     def size(self) -> tuple[int, int]:
         """(width, height) in pixels."""
         return self.color.shape[1], self.color.shape[0]
+
+    def with_error(self, error: ErrorEstimate) -> Image:
+        """The same picture with its measured error, also in `stats` under ``error``."""
+        return replace(self, error=error, stats={**self.stats, "error": error.to_dict()})
 
     def __repr__(self) -> str:
         width, height = self.size

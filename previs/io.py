@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
@@ -244,6 +245,9 @@ def save_image(
         spec.attribute("Software", "previs")
         for name, value in dict(image.stats.get("settings", {})).items():
             spec.attribute(f"previs:{name}", value if not isinstance(value, bool) else int(value))
+        if image.error is not None:
+            for name, value in _flat(image.error.to_dict()):
+                spec.attribute(f"previs:error:{name}", value)
     else:
         shown = display(image.color, exposure, color_correction, ocio_display, ocio_view)
         # Over black, without alpha: colour is multiplied by coverage already, and readers of PNG would do it again.
@@ -251,6 +255,15 @@ def save_image(
         spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], 3, oiio.UINT8)
         spec.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     _write(Path(path), pixels, spec)
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, int | float]]:
+    """Numbers of nested mappings by their names joined with colons; what is None is left out."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{name}:")
+        elif value is not None:
+            yield before + name, value
 
 
 @contextlib.contextmanager

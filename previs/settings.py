@@ -223,6 +223,15 @@ TABLE: tuple[Setting, ...] = (
         maximum=16384,
         unit="MiB",
     ),
+    Setting(
+        "error_pixels",
+        256,
+        "Random pixels that are drawn again by brute force to measure the error of a picture.",
+        (),
+        minimum=16,
+        maximum=65536,
+        unit="pixels",
+    ),
 )
 
 BY_NAME: Mapping[str, Setting] = {s.name: s for s in TABLE}

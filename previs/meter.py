@@ -1,0 +1,360 @@
+"""The error meter's statistics: which pixels of a picture to look at, and what they say of the whole.
+
+A few hundred pixels are drawn again by the brute-force march at converged steps. They are chosen at random, more of them
+where errors are likely: where the picture is bright or uneven, and where a better picture that is cheap to draw differs
+from it. Each counts for as many pixels as its probability says, so that sums over the picture are estimated without bias
+(Horvitz and Thompson 1952). From these sums follow the relative errors and the PSNR of `previs.metrics`, each with a 95 %
+confidence interval.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import metrics
+
+#: Shares of the samples that are spread evenly over the picture, over what shows media or surfaces, and by how bright and
+#: uneven the picture is; the others follow what it differs from a better picture. The first shares bound what an error
+#: can count that was expected nowhere near.
+EVEN_SHARE, SHOWN_SHARE, BRIGHT_SHARE = 0.2, 0.1, 0.2
+#: What a difference to a neighbour counts in the guess at a pixel's error, against its own brightness.
+UNEVENNESS = 1.0
+#: Values of the picture above this part of its peak tell how far off the peak is.
+BRIGHT = 0.8
+#: Two-sided 95 % of a normal distribution.
+_NORMAL = 1.959964
+
+
+class Estimate(NamedTuple):
+    """A value, and the ends of its 95 % confidence interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.3g} ({self.low:.3g} to {self.high:.3g})"
+
+
+@dataclass(frozen=True)
+class ErrorPart:
+    """How far a picture is from the truth: `relative_rmse`, `mean_relative_error` and `psnr` (dB) as `previs.metrics`
+    defines them, and `bias`, the light that the picture has too much, relative to all of the truth.
+
+    Parts of an error add up in `bias`, and pixel by pixel; in the others they need not: they may cancel.
+    """
+
+    relative_rmse: Estimate
+    mean_relative_error: Estimate
+    psnr: Estimate
+    bias: Estimate
+
+    def to_dict(self) -> dict[str, Any]:
+        """Names to ``{"value", "low", "high"}``; infinite values as None, which JSON can hold."""
+        names = ("relative_rmse", "mean_relative_error", "psnr", "bias")
+        return {name: {k: _finite(v) for k, v in getattr(self, name)._asdict().items()} for name in names}
+
+
+@dataclass(frozen=True)
+class ErrorEstimate(ErrorPart):
+    """The error of a picture, estimated from some of its pixels.
+
+    Attributes:
+        light: the part that light has on its way into the media: the picture against one of the same view steps whose
+            light is marched by brute force.
+        view: the part of the view rays' steps: that picture against converged steps.
+        pixels: how many were drawn.
+        steps, light_steps: of the truth, across a volume.
+        seconds: that it took.
+    """
+
+    light: ErrorPart
+    view: ErrorPart
+    pixels: int
+    steps: int = 0
+    light_steps: int = 0
+    seconds: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it, for JSON."""
+        return {
+            **super().to_dict(),
+            "light": self.light.to_dict(),
+            "view": self.view.to_dict(),
+            "pixels": self.pixels,
+            "steps": self.steps,
+            "light_steps": self.light_steps,
+            "seconds": self.seconds,
+        }
+
+    def __str__(self) -> str:
+        mean, rms, ratio = self.mean_relative_error, self.relative_rmse, self.psnr
+        return (
+            f"mean error {_percent(mean)}, RMSE {_percent(rms)}, PSNR {ratio.value:.1f} dB "
+            f"({ratio.low:.1f} to {ratio.high:.1f}); light {100 * self.light.mean_relative_error.value:.2g} %, "
+            f"view steps {100 * self.view.mean_relative_error.value:.2g} %; {self.pixels} pixels"
+        )
+
+
+def _percent(estimate: Estimate) -> str:
+    value, low, high = (f"{100 * v:.2g}" for v in estimate)
+    return f"{value} % ({low} to {high})"
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True, eq=False)
+class PixelSample:
+    """Pixels chosen at random: `rows` from the top, `columns`, and the `probability` with which each was, (N,) each.
+
+    They are in the order in which they were chosen, along a curve on which neighbours are near each other. `better` is
+    the picture (H, W, 3), nearer the truth, that helped to choose them; None where there was none.
+    """
+
+    rows: np.ndarray
+    columns: np.ndarray
+    probability: np.ndarray
+    better: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+
+def choose_pixels(
+    color: np.ndarray,
+    shown: np.ndarray | None = None,
+    count: int = 256,
+    seed: int = 0,
+    better: np.ndarray | None = None,
+) -> PixelSample:
+    """Choose pixels of a picture at random, more of them where errors are likely.
+
+    Systematic sampling with unequal probabilities (Madow 1949) along a Hilbert curve: no pixel is chosen twice, and the
+    choice is spread evenly over the picture.
+
+    Args:
+        color: (H, W, 3) linear radiance, finite.
+        shown: (H, W) bool, where the picture shows media or surfaces; None takes where it is not black.
+        count: how many; all where the picture has no more.
+        seed: other pixels for another seed.
+        better: (H, W, 3) a picture that is likely to be nearer the truth. Estimates stay unbiased whatever it shows;
+            the better it is, the narrower their intervals.
+    """
+    height, width = color.shape[:2]
+    order = _hilbert_order(height, width)
+    if count >= order.size:
+        return PixelSample(order // width, order % width, np.ones(order.size), better)
+    probability = _inclusion(_guess(np.asarray(color, float), shown, better).ravel()[order], count)
+    reached = np.cumsum(probability)
+    start = np.random.default_rng(seed).random()
+    # Rounding must not lose the last one.
+    number = np.searchsorted(reached * (count / reached[-1]), start + np.arange(count), side="right")
+    number = np.minimum(number, order.size - 1)
+    chosen = order[number]
+    return PixelSample(chosen // width, chosen % width, probability[number], better)
+
+
+def _guess(color: np.ndarray, shown: np.ndarray | None, better: np.ndarray | None) -> np.ndarray:
+    """How likely pixels are to be chosen, relative to each other, (H, W)."""
+    bright = np.abs(color).max(axis=2)
+    uneven = np.zeros_like(bright)
+    for axis in (0, 1):
+        step = np.abs(np.diff(color, axis=axis)).max(axis=2)
+        first, last = [slice(None)] * 2, [slice(None)] * 2
+        first[axis], last[axis] = slice(None, -1), slice(1, None)
+        uneven[tuple(first)] = np.maximum(uneven[tuple(first)], step)
+        uneven[tuple(last)] = np.maximum(uneven[tuple(last)], step)
+    guess = bright + UNEVENNESS * uneven
+    shown = (bright > 0.0) if shown is None else np.asarray(shown, bool)
+    even = np.full(bright.shape, 1.0 / bright.size)
+    shares = [(EVEN_SHARE, even)]
+    shares.append((SHOWN_SHARE, shown / shown.sum() if shown.any() else even))
+    rest = 1.0 - EVEN_SHARE - SHOWN_SHARE
+    if better is not None and (off := np.linalg.norm(color - better, axis=2)).any():
+        shares.append((rest - BRIGHT_SHARE, off / off.sum()))
+        rest = BRIGHT_SHARE
+    shares.append((rest, guess / guess.sum() if guess.any() else even))
+    return sum(share * part for share, part in shares)
+
+
+def _inclusion(weight: np.ndarray, count: int) -> np.ndarray:
+    """Probabilities of at most 1 that add up to `count`, proportional to positive weights where they are below 1."""
+    probability = weight * (count / weight.sum())
+    while (over := probability > 1.0).any():
+        probability[over] = 1.0
+        below = probability < 1.0
+        left = count - np.count_nonzero(~below)
+        probability[below] *= left / probability[below].sum()
+    return probability
+
+
+@functools.lru_cache(maxsize=4)
+def _hilbert_order(height: int, width: int) -> np.ndarray:
+    """The pixels of a picture, as row · width + column, in the order in which a Hilbert curve passes them."""
+    side = 1 << max(height - 1, width - 1, 1).bit_length()
+    y, x = (np.ascontiguousarray(a.ravel(), np.int32) for a in np.mgrid[:height, :width])
+    distance = np.zeros(x.size, np.int64)
+    s = side // 2
+    while s:
+        right, upper = (x & s) > 0, (y & s) > 0
+        distance += s * s * ((3 * right) ^ upper).astype(np.int64)
+        flip = ~upper & right
+        x[flip], y[flip] = side - 1 - x[flip], side - 1 - y[flip]
+        swap = ~upper
+        x[swap], y[swap] = y[swap], x[swap]
+        s //= 2
+    order = np.argsort(distance, kind="stable")
+    order.flags.writeable = False
+    return order
+
+
+def estimate_error(
+    color: np.ndarray,
+    sample: PixelSample,
+    same_steps: np.ndarray,
+    truth: np.ndarray,
+    steps: int = 0,
+    light_steps: int = 0,
+    seconds: float = 0.0,
+) -> ErrorEstimate:
+    """The error of a picture from the truth of some of its pixels.
+
+    Args:
+        color: (H, W, 3) the picture.
+        sample: the pixels, chosen by `choose_pixels`.
+        same_steps: (N, 3) what they are with the picture's own view steps and light by brute force.
+        truth: (N, 3) what they are.
+        steps, light_steps, seconds: for the record.
+
+    Raises:
+        ValueError: when a value is not finite.
+    """
+    color = np.asarray(color, float)
+    found = color[sample.rows, sample.columns]
+    same_steps, truth = np.asarray(same_steps, float), np.asarray(truth, float)
+    for name, values in (("picture", color), ("march", same_steps), ("truth", truth)):
+        if bad := np.count_nonzero(~np.isfinite(values)):
+            raise ValueError(f"{bad} values of the {name} are not finite")
+    scale = _Scale(color, sample, truth)
+    parts = [scale.part(a - b) for a, b in ((found, truth), (found, same_steps), (same_steps, truth))]
+    whole = parts[0]
+    return ErrorEstimate(
+        whole.relative_rmse,
+        whole.mean_relative_error,
+        whole.psnr,
+        whole.bias,
+        light=parts[1],
+        view=parts[2],
+        pixels=len(sample),
+        steps=steps,
+        light_steps=light_steps,
+        seconds=seconds,
+    )
+
+
+class _Scale:
+    """What errors are relative to: the lit values of the truth, their sum and its peak. They are all but known from a
+    picture near the truth, and corrected by what the pixels differ from it."""
+
+    def __init__(self, color: np.ndarray, sample: PixelSample, truth: np.ndarray) -> None:
+        self._weight = 1.0 / sample.probability
+        self._certain = sample.probability >= 1.0
+        self._values = color.size
+        near = color if sample.better is None else np.asarray(sample.better, float)
+        found = near[sample.rows, sample.columns]
+        peaks = [metrics.peak(near), metrics.peak(color)]
+        # The brightest values stand for the peak: it is off by as much as they are.
+        bright = (found >= BRIGHT * peaks[0]) & (peaks[0] > 0.0)
+        total = float(np.sum(self._weight[:, None] * found * bright))
+        ratio = max(float(np.sum(self._weight[:, None] * truth * bright)) / total, 0.0) if total > 0.0 else 1.0
+        self.peak = peaks[0] * ratio if peaks[0] > 0.0 else max(float(truth.max(initial=0.0)), 0.0)
+        if np.all(self._certain):
+            whole = np.zeros_like(color)
+            whole[sample.rows, sample.columns] = truth
+            self.peak = metrics.peak(whole)
+            peaks = [self.peak]
+        # What is left to doubt in it: where pictures of other errors disagree about it, so may the truth.
+        peaks = [p for p in (*peaks, self.peak) if p > 0.0]
+        self._peak_doubt = math.log(max(peaks) / min(peaks)) if peaks else 0.0
+        left = np.sum((truth - found * ratio) * bright, axis=1)
+        self._peak_part = left / (total * ratio) if total > 0.0 and ratio > 0.0 else np.zeros(len(sample))
+        threshold = metrics.LIT_THRESHOLD * self.peak if self.peak > 0.0 else math.inf
+        lit_near, lit_found, lit_truth = (a.max(axis=-1) > threshold for a in (near, found, truth))
+        more = np.sum(truth, axis=1) * lit_truth - np.sum(found, axis=1) * lit_found
+        more_count = 3.0 * (lit_truth.astype(float) - lit_found)
+        self.sum = max(float(near[lit_near].sum()) + float(self._weight @ more), 0.0)
+        self.count = max(3.0 * np.count_nonzero(lit_near) + float(self._weight @ more_count), 0.0)
+        self._sum_part = more / self.sum if self.sum > 0.0 else more
+        self._count_part = more_count / self.count if self.count > 0.0 else more_count
+
+    def part(self, difference: np.ndarray) -> ErrorPart:
+        """The error of which `difference` (N, 3) is what the pixels have."""
+        squares = np.sum(difference**2, axis=1)
+        amounts = np.sum(np.abs(difference), axis=1)
+        signed = np.sum(difference, axis=1)
+        square_sum, amount_sum = float(self._weight @ squares), float(self._weight @ amounts)
+        if amount_sum == 0.0:
+            none = Estimate(0.0, 0.0, 0.0)
+            return ErrorPart(none, none, Estimate(math.inf, math.inf, math.inf), none)
+        square_part, amount_part = squares / square_sum, amounts / amount_sum
+        noise = self._deviation(0.5 * square_part - self._peak_part)
+        rms = math.sqrt(square_sum / self._values)
+        level = 20.0 * math.log10(self.peak / rms) if self.peak > 0.0 else -math.inf
+        decibels = 20.0 / math.log(10.0) * (_quantile(square_part * self._weight) * noise + self._peak_doubt)
+        psnr = Estimate(level, level - decibels, level + decibels)
+        if self.sum <= 0.0:
+            infinite = Estimate(math.inf, math.inf, math.inf)
+            return ErrorPart(infinite, infinite, psnr, infinite)
+        bias = float(self._weight @ signed) / self.sum
+        width = _quantile(self._weight * np.abs(signed)) * self._deviation(signed / self.sum - bias * self._sum_part)
+        return ErrorPart(
+            _interval(
+                math.sqrt(square_sum * self.count) / self.sum,
+                _quantile(square_part * self._weight)
+                * self._deviation(0.5 * square_part + 0.5 * self._count_part - self._sum_part),
+            ),
+            _interval(
+                amount_sum / self.sum,
+                _quantile(amount_part * self._weight) * self._deviation(amount_part - self._sum_part),
+            ),
+            psnr,
+            Estimate(bias, bias - width, bias + width),
+        )
+
+    def _deviation(self, values: np.ndarray) -> float:
+        """Standard deviation of the sum over the picture that is estimated from one value per pixel chosen.
+
+        By successive differences along the curve on which they were chosen (Wolter 2007, section 8.2, estimator v2),
+        which counts what is alike in neighbours only once; pixels that were certain to be chosen add nothing.
+        """
+        weighted = (self._weight * np.broadcast_to(values, self._weight.shape))[~self._certain]
+        n = len(weighted)
+        if n < 2:
+            return 0.0
+        return math.sqrt(n / (2.0 * (n - 1)) * float(np.sum(np.diff(weighted) ** 2)))
+
+
+def _quantile(shares: np.ndarray) -> float:
+    """Half the width of a 95 % interval in standard deviations, by Student's distribution.
+
+    The fewer pixels make up a sum, the less is its deviation known: its degrees of freedom are those of as many equal
+    shares (Kish's effective sample size). The series is Abramowitz and Stegun 26.7.5.
+    """
+    effective = float(np.sum(shares)) ** 2 / max(float(np.sum(shares**2)), 1e-300)
+    freedom, x = max(effective - 1.0, 1.0), _NORMAL
+    first = (x**3 + x) / 4.0
+    second = (5.0 * x**5 + 16.0 * x**3 + 3.0 * x) / 96.0
+    return x + first / freedom + second / freedom**2
+
+
+def _interval(value: float, width: float) -> Estimate:
+    """A positive value whose logarithm is known to within `width`."""
+    factor = math.exp(min(width, 50.0))
+    return Estimate(value, value / factor, value * factor)

@@ -1,0 +1,236 @@
+"""The error meter: draws the pixels from which a picture's error is estimated."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator
+
+import numpy as np
+
+from ..description import Camera, Volume
+from ..errors import PrevisError
+from ..image import Image
+from ..index import RenderIndex
+from ..meter import ErrorEstimate, choose_pixels, estimate_error
+from ..settings import BY_NAME, Settings
+from .method import method_of
+from .plan import LOOP_BUDGET, steps_across
+from .renderer import Renderer, sample_shifts
+from .scattered import ScatteredPixels
+
+#: Steps of a view ray through a volume that more would not change by anything that counts: so many at least, and so many
+#: per step that the plan would take. On the shipped scenes doubling them changes the mean error by less than 2e-4.
+CONVERGED_STEPS, CONVERGED_FACTOR = 2048, 4
+#: Transmittance below which a converged view ray ends.
+CONVERGED_CUTOFF = 1e-7
+#: The picture that says where errors are likely: a good map, and so many times the steps.
+GUESS = {"transmittance": "quantile", "coefficients": 14, "map_filter": "blend"}
+GUESS_STEPS = 2
+
+Drawing = Generator[float, None, np.ndarray]
+
+
+def converged(settings: Settings, volumes: list[Volume]) -> Settings:
+    """The settings that the truth is drawn with: light by brute force, steps so fine that more would change nothing."""
+    steps = max([CONVERGED_STEPS, *(CONVERGED_FACTOR * steps_across(v, 0) for v in volumes), settings.steps])
+    cutoff = min(settings.opacity_cutoff, CONVERGED_CUTOFF)
+    return _brute_force(settings, volumes).replace(steps=_possible("steps", steps), opacity_cutoff=cutoff)
+
+
+def _brute_force(settings: Settings, volumes: list[Volume]) -> Settings:
+    """The settings, with light marched by brute force."""
+    found = settings.replace(transmittance="march", light_steps=0)
+    grids = [v for v in volumes if v.density is not None]
+    # A march that is exact may be longer than a draw can be; the longest one that can be is taken then.
+    cells = sum(steps_across(v, 0) for v in grids)
+    if 2 * cells > LOOP_BUDGET:
+        found = found.replace(light_steps=max(LOOP_BUDGET // (2 * len(grids)) - 1, 1))
+    return found
+
+
+def _possible(name: str, value: int) -> int:
+    return int(min(value, BY_NAME[name].maximum or value))
+
+
+class ErrorMeter:
+    """Estimates the error of pictures that a renderer has drawn; what that renderer holds stays as it is.
+
+    Use it as a context manager, or call `release`.
+
+    Args:
+        renderer: whose context, shaders, voxels and meshes to use.
+
+    Raises:
+        ValueError: when the renderer was released.
+    """
+
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = Renderer(share=renderer)
+
+    def __enter__(self) -> ErrorMeter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free what the meter holds beside the renderer."""
+        self._renderer.release()
+
+    def measure(
+        self,
+        index: RenderIndex,
+        camera: Camera,
+        image: Image,
+        settings: Settings,
+        seed: int = 0,
+        progress: Callable[[float], None] | None = None,
+    ) -> ErrorEstimate:
+        """Estimate the error of a picture; see `measuring`. `progress` is called as by `Renderer.render`."""
+        work = self.measuring(index, camera, image, settings, seed)
+        while True:
+            try:
+                done = next(work)
+            except StopIteration as end:
+                return end.value
+            if progress is not None:
+                progress(done)
+
+    def measuring(
+        self,
+        index: RenderIndex,
+        camera: Camera,
+        image: Image,
+        settings: Settings,
+        seed: int = 0,
+        piece_seconds: float | None = None,
+    ) -> Generator[float, None, ErrorEstimate]:
+        """Estimate the error of a picture, a piece of work at a time.
+
+        Between two pieces anything may be drawn in the context, and the generator may be dropped, as with
+        `Renderer.drawing`. The scene must not change meanwhile.
+
+        The truth of a pixel has the picture's own samples per pixel, shadow maps and voxels; what these approximate is
+        not in the error.
+
+        Args:
+            index: the scene.
+            camera: that the picture was drawn with.
+            image: the picture, as it was drawn.
+            settings: that it was drawn with; `error_pixels` of them says how many pixels to look at.
+            seed: other pixels for another seed.
+            piece_seconds: how long a piece should take; see `Renderer.drawing`.
+
+        Yields:
+            The part of the work that is done, in [0, 1].
+
+        Returns:
+            The estimate.
+
+        Raises:
+            PrevisError: when the scene cannot be drawn, or the picture holds values that are not finite.
+        """
+        if bad := np.count_nonzero(~np.isfinite(image.color)):
+            raise PrevisError(f"{bad} values of the picture are not finite, so its error cannot be measured")
+        clock = _Clock()
+        volumes = [entry.record for entry in index.volumes.values()]
+        width, height = image.size
+        count = settings.error_pixels
+        better = None
+        if count < width * height:
+            better = yield from clock.timed(
+                self._better(index, camera, image, settings, volumes, piece_seconds), 0.0, 0.4
+            )
+        clock.start()
+        transmittance = image.aovs.get("transmittance")
+        shown = np.isfinite(image.depth)
+        if transmittance is not None:
+            shown = shown | (transmittance < 1.0).any(axis=2)
+        sample = choose_pixels(image.color, shown, count, seed, better)
+        pixels = ScatteredPixels(sample.rows, sample.columns)
+        clock.stop()
+        truth = converged(settings, volumes)
+        same_steps = _brute_force(settings, volumes)
+        pair = yield from clock.timed(
+            self._pixels(index, camera, image.size, (same_steps, truth), pixels, piece_seconds), 0.4, 1.0
+        )
+        return estimate_error(
+            image.color, sample, *pair, steps=truth.steps, light_steps=truth.light_steps, seconds=clock.seconds
+        )
+
+    def _better(
+        self,
+        index: RenderIndex,
+        camera: Camera,
+        image: Image,
+        settings: Settings,
+        volumes: list[Volume],
+        piece_seconds: float | None,
+    ) -> Drawing:
+        """A picture likely to be nearer the truth, (H, W, 3): good maps, more steps, one sample per pixel.
+
+        Where the picture has more samples, or light by brute force, it is itself corrected by what the steps change.
+        """
+        automatic = {name: 0 for name in ("map_size", "threshold", "density_weighting", "light_steps")}
+        same = settings.replace(antialias=1, **GUESS, **automatic)
+        steps = max((steps_across(v, settings.steps) for v in volumes), default=1)
+        finer = same.replace(steps=_possible("steps", GUESS_STEPS * steps))
+        apart = settings.antialias > 1 or not method_of(settings).has_maps
+        base = settings.replace(antialias=1) if method_of(settings).has_maps else same
+        share = 0.3 if apart else 0.0
+        drawn = []
+        for part, chosen in ((0.0, base), (share, finer)) if apart else ((0.0, finer),):
+            plan = self._renderer.plan(index, camera, *image.size, chosen)
+            whole = share if part < share else 1.0 - share
+            for done in self._renderer.drawing(plan, piece_seconds):
+                yield part + done * whole
+            drawn.append(self._renderer.planes(plan)["color"].astype(float))
+        return np.maximum(image.color + (drawn[1] - drawn[0]), 0.0) if apart else drawn[0]
+
+    def _pixels(
+        self,
+        index: RenderIndex,
+        camera: Camera,
+        size: tuple[int, int],
+        kinds: tuple[Settings, ...],
+        pixels: ScatteredPixels,
+        piece_seconds: float | None,
+    ) -> Generator[float, None, list[np.ndarray]]:
+        """Pixels as each of several settings draws them, (N, 3) each, averaged over the samples of a pixel."""
+        shifts = sample_shifts(kinds[0].antialias)
+        totals = [np.zeros((len(pixels), 3)) for _ in kinds]
+        parts, done = len(shifts) * len(kinds), 0
+        for shift in shifts:
+            for total, settings in zip(totals, kinds, strict=True):
+                plan = self._renderer.plan(index, camera, *size, settings, shift, pixels)
+                for part in self._renderer.drawing(plan, piece_seconds):
+                    yield (done + part) / parts
+                done += 1
+                total += self._renderer.scattered(plan)[:, :3]
+        return [total / len(shifts) for total in totals]
+
+
+class _Clock:
+    """Adds up the time that work takes, without what others do between its pieces."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._begin = 0.0
+
+    def start(self) -> None:
+        self._begin = time.perf_counter()
+
+    def stop(self) -> None:
+        self.seconds += time.perf_counter() - self._begin
+
+    def timed(self, work: Generator, first: float, last: float) -> Generator:
+        """Run the work, timing its pieces; its progress counts from `first` to `last`."""
+        while True:
+            self.start()
+            try:
+                done = next(work)
+            except StopIteration as end:
+                return end.value
+            finally:
+                self.stop()
+            yield first + (last - first) * done
