@@ -164,16 +164,14 @@ def random_structure(choose: Choices, volumes: int = 3, lights: int = 3) -> Stru
     )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class RandomScene:
-    """A scene, a camera that sees it, and `text`, one line that says what it is."""
+    """A scene, a camera that sees it, `text`, one line that says what it is, and its structure."""
 
-    description: SceneDescription
-    camera: Camera
-    text: str
-    structure: Structure
+    def __init__(self, description: SceneDescription, camera: Camera, text: str, structure: Structure) -> None:
+        self.description, self.camera, self.text, self.structure = description, camera, text, structure
 
     def __repr__(self) -> str:
+        # The line alone: hypothesis would print every voxel of a record.
         return f"<{self.text}>"
 
 
@@ -210,6 +208,10 @@ class _Builder:
     def __init__(self, choose: Choices, tier: Tier) -> None:
         self.choose, self.tier = choose, tier
         self.texts: list[str] = []
+        #: Whether a light or the camera stands in the middle of the scene.
+        self.occupied = False
+        # Simple numbers make faces, rays and lights coincide, where a rounding decides: gentle scenes lie askew.
+        self.askew = 0.0 if tier.wild else 1.0
 
     def scene(self, structure: Structure) -> RandomScene:
         choose, tier = self.choose, self.tier
@@ -218,8 +220,8 @@ class _Builder:
         if structure.dome:
             radiance = self.color(0.0, 1.0)
             lights.append(Light("/Dome", "dome", np.eye(4), radiance))
-        meshes = [self.occluder(i, kind) for i, kind in enumerate(structure.occluders)]
         camera = self.camera()
+        meshes = [self.occluder(i, kind) for i, kind in enumerate(structure.occluders)]
         size = 10.0 ** choose.number(*tier.size)
         far = 0.0
         if choose.pick((False, True)):
@@ -245,8 +247,8 @@ class _Builder:
         return tuple(self.choose.number(-reach, reach) for _ in range(3))
 
     def direction(self) -> tuple[float, float, float]:
-        around = math.radians(self.choose.number(-180.0, 180.0))
-        above = math.radians(self.choose.number(-80.0, 80.0))
+        around = math.radians(self.choose.number(-180.0, 180.0) + 31.7 * self.askew)
+        above = math.radians(self.choose.number(-80.0, 80.0) + 7.3 * self.askew)
         return (math.cos(above) * math.sin(around), math.sin(above), math.cos(above) * math.cos(around))
 
     def place(self, number: int) -> np.ndarray:
@@ -260,10 +262,13 @@ class _Builder:
             stretch = [choose.number(*tier.stretch) for _ in range(3)]
         if choose.pick((False, True)):
             stretch[0] *= -1.0
-        turned = rotation((1.0, 0.0, 0.0), choose.number(-180.0, 180.0))
-        turned = turned @ rotation((0.0, 1.0, 0.0), choose.number(-180.0, 180.0))
         moved = translation(*self.point(0.7)) if number else np.eye(4)
-        return scaling(*stretch) @ shear(choose.number(-0.6, 0.6)) @ turned @ moved
+        return scaling(*stretch) @ shear(choose.number(-0.6, 0.6)) @ self.turned() @ moved
+
+    def turned(self) -> np.ndarray:
+        x, y = (self.choose.number(-180.0, 180.0) for _ in range(2))
+        first = rotation((1.0, 0.0, 0.0), x + 23.1 * self.askew)
+        return first @ rotation((0.0, 1.0, 0.0), y + 41.9 * self.askew)
 
     # Volumes.
 
@@ -281,7 +286,7 @@ class _Builder:
             background = choose.pick((0.0, 0.0, 0.0, 0.2))
             fields: dict[str, Any] = {"density": field(values, background)}
             if emission == "field":
-                color = np.array(self.color(0.0, 3.0))
+                color = np.array(self.color(0.2, 3.0))
                 fields["emission"] = field(smooth_noise(self.dims(), self.seed())[..., None] * color)
             elif emission == "temperature":
                 fields["temperature"] = field(smooth_noise(self.dims(), self.seed()))
@@ -339,7 +344,7 @@ class _Builder:
         name = "×".join(map(str, dims))
         if not self.tier.wild:
             # At least four voxels to a half wave.
-            modes = choose.integer(1, max(min(dims) // 5, 1))
+            modes = choose.integer(1, max(min(dims) // 4, 1))
             return smooth_noise(dims, self.seed(), modes), f"{name} smooth({modes})"
         kind = choose.pick(("smooth", "constant", "noise", "sparse", "broken"))
         random = np.random.default_rng(self.seed())
@@ -384,7 +389,7 @@ class _Builder:
         shaping = None
         if kind == "spot" or (kind in ("disk", "rect") and choose.pick((False, True))):
             shaping = Shaping(
-                cone_angle=choose.number(10.0, 110.0),
+                cone_angle=choose.number(1.0 if tier.wild else 20.0, 110.0),
                 cone_softness=choose.number(0.0, 1.0),
                 focus=choose.pick((0.0, choose.number(0.0, 12.0))),
                 focus_tint=self.color(0.0, 0.5),
@@ -399,7 +404,8 @@ class _Builder:
 
     def position(self, where: str) -> tuple[float, float, float]:
         if where == "inside":
-            return self.point(0.4)
+            self.occupied = True
+            return self.point(0.3)
         if where == "outside":
             return _times(self.direction(), self.choose.number(3.2, 6.0))
         return tuple(self.choose.pick((0.0, 1.0, -1.0)) for _ in range(3))
@@ -409,16 +415,16 @@ class _Builder:
     def occluder(self, number: int, kind: str) -> Mesh:
         choose = self.choose
         path = f"/Mesh{number}"
-        centre = np.array(self.direction()) * choose.number(0.0, 1.8)
-        turned = rotation((1.0, 0.0, 0.0), choose.number(-180.0, 180.0))
-        turned = turned @ rotation((0.0, 1.0, 0.0), choose.number(-180.0, 180.0))
-        extent = [choose.number(0.1, 0.8) for _ in range(3)]
+        # A gentle mesh keeps clear of what stands in the middle.
+        nearest, largest = (1.0, 0.4) if self.occupied and not self.tier.wild else (0.0, 0.8)
+        centre = np.array(self.direction()) * choose.number(nearest, 1.8)
+        extent = [choose.number(0.1, largest) for _ in range(3)]
         if self.tier.wild:
             extent = [choose.pick((e, 0.0, 1.0)) for e in extent]
         surface = Surface(diffuse_color=self.color(0.0, 0.9))
         if kind == "quad":
             extent[1] = 0.0
-        placing = scaling(*extent) @ turned @ translation(*centre)
+        placing = scaling(*extent) @ self.turned() @ translation(*centre)
         self.texts.append(f"{kind} mesh")
         # The corners are placed, not the prim: a flat one then has triangles without area and a sound transform.
         points = _CUBE @ placing[:3, :3] + placing[3, :3]
@@ -434,7 +440,7 @@ class _Builder:
         if tier.wild:
             where = choose.pick((where, "face", "far"))
         if where == "inside":
-            eye, degrees, width = self.point(0.4), choose.number(40.0, 80.0), choose.number(0.5, 1.5)
+            eye, degrees, width = self.position(where), choose.number(40.0, 80.0), choose.number(0.5, 1.5)
             target = tuple(np.add(eye, self.direction()).tolist())
         else:
             distance = choose.number(4.5, 7.0)

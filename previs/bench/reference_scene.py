@@ -36,7 +36,8 @@ def reference_scene(scene: SceneDescription, settings: Settings | None = None) -
         if light.kind == "dome":
             ambient = ambient + light.radiance
     return ref.Scene(
-        volumes=[_volume(v) for v in scene.volumes.values()],
+        # A density without an active voxel is not there, whatever its background.
+        volumes=[_volume(v) for v in scene.volumes.values() if v.density is None or v.density.grid.active_count],
         lights=[_light(x) for x in scene.lights.values() if x.kind != "dome"],
         solids=[_solid(m) for m in scene.meshes.values()],
         ambient=ambient,
@@ -44,7 +45,8 @@ def reference_scene(scene: SceneDescription, settings: Settings | None = None) -
 
 
 def _grid(field: Field, local_to_world: np.ndarray, channel: int | None = None) -> ref.GridMedium:
-    lo, hi = field.grid.bounds
+    # Without an active voxel a field is its background.
+    lo, hi = field.grid.bounds or (np.zeros(3, int), np.zeros(3, int))
     values = field.grid.dense(lo, hi)
     background = field.grid.background
     if channel is not None:

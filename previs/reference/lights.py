@@ -128,7 +128,8 @@ class SpotLight(PointLight):
         # The angle by its sine and cosine: arccos alone has no digits near the axis.
         theta = np.degrees(np.arctan2(np.linalg.norm(np.cross(travel, self.axis), axis=-1), cosine))
         inner = (1.0 - self.softness) * self.cone_angle
-        if self.softness > 0.0 and self.cone_angle > 0.0:
+        # A softness below rounding is none.
+        if inner < self.cone_angle:
             x = np.clip((theta - inner) / (self.cone_angle - inner), 0.0, 1.0)
             shape = 1.0 - x * x * (3.0 - 2.0 * x)
         else:
