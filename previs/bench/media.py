@@ -29,8 +29,8 @@ def smoke() -> np.ndarray:
 def cube_of(file: str | Path) -> np.ndarray:
     """The density of a .vdb file, fitted into a cube of 128³ voxels: (128, 128, 128), values from 0 to 1.
 
-    The longest side of what is active fills the cube but for a margin of two voxels; values between voxels are linear. Where several grids are there,
-    the one called "density" is taken, else the first of numbers.
+    The longest side of what is active fills the cube but for a margin of two voxels; values between voxels are linear.
+    Where several grids are there, the one called "density" is taken, else the first of numbers.
 
     Raises:
         PrevisError: when the file cannot be read, or holds no density above 0.

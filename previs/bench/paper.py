@@ -127,7 +127,7 @@ def transmittance_function_maps(
             f"{name}, 8 values", run.reference.image.color, shown, "dual ray march"
         )
         record.append({"medium": name, "results": [_plain(n, row) for n, row in rows.items()]})
-    depths = _by_depth(renderer, min(size, 160), progress)
+    depths = _by_depth(renderer, min(size, 160), min(map_size, 256), progress)
     names = ", ".join(own_methods())
     text = (
         "The first table of the paper: maps of 2, 8 and 16 coefficients against a dual ray march of the same "
@@ -251,7 +251,7 @@ def _table_one(name: str, kind: str, rows: dict[str, dict[str, Any]]) -> Table:
     return Table(f"{name}, {media.SIDE}³ voxels{beside}", header, tuple(lines), names=2, marked=frozenset(marked))
 
 
-def _by_depth(renderer: Renderer, size: int, progress: Progress | None, map_size: int = 256) -> Table:
+def _by_depth(renderer: Renderer, size: int, map_size: int, progress: Progress | None) -> Table:
     """The published method on both media from thin to dense: PSNR of the displayed pictures."""
     ways = [v for v in _ways(map_size) if v.family == "tfm-plain"]
     lines = []

@@ -68,7 +68,7 @@ def pareto(rows: Sequence[Mapping[str, Any]]) -> Figure:
     across = min(3, len(scenes))
     down = -(-len(scenes) // across)
     figure = Figure(figsize=(1.2 + 4.2 * across, 1.2 + 3.5 * down), layout="constrained")
-    colors = family_colors([row["method"] for row in rows])
+    colors = family_colors([row["family"] for row in rows if row["variant"] != "converged march"])
     shown: dict[str, Any] = {}
     for number, scene in enumerate(scenes):
         axes = figure.add_subplot(down, across, number + 1)
@@ -116,12 +116,12 @@ def _pareto_panel(
         )
         shown.setdefault("not beaten in time and error", line)
     steps = sorted({r["steps"] for r in rows})
-    for method in dict.fromkeys(r["method"] for r in rows):
+    for family in dict.fromkeys(r["family"] for r in rows):
         for number in steps:
-            part = [r for r in rows if r["method"] == method and r["steps"] == number]
+            part = [r for r in rows if r["family"] == family and r["steps"] == number]
             if not part:
                 continue
-            color = colors[method]
+            color = colors[family]
             x = [r["relative_time"] for r in part]
             spread = [
                 [r["relative_time"] - r["relative_time_low"] for r in part],
@@ -139,9 +139,10 @@ def _pareto_panel(
                 elinewidth=0.8,
                 zorder=3,
             )
-            shown.setdefault(f"{method}, {number} steps" if number else method, points)
+            shown.setdefault(f"{family}, {number} steps" if number else family, points)
             for row in part:
-                if row["coefficients"] is not None and (row["front"] or row["coefficients"] in (6, 14)):
+                usual = number == steps[0] and row["coefficients"] in (6, 14)
+                if row["coefficients"] is not None and (row["front"] or usual):
                     axes.annotate(
                         str(row["coefficients"]),
                         (row["relative_time"], height(row)),
@@ -170,7 +171,10 @@ def _pareto_panel(
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if high / low > 6.0 else MaxNLocator(6))
     axes.xaxis.set_major_formatter(plain)
     axes.xaxis.set_minor_formatter(NullFormatter())
+    low, high = axes.get_ylim()
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 100.0 else (1.0,)))
     axes.yaxis.set_major_formatter(plain)
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.grid(which="both", alpha=0.2)
 
 

@@ -14,6 +14,7 @@ from .run import Convergence, Result, Run, errors_of, pareto_front
 COLUMNS = {
     "scene": "name of the scene",
     "variant": "name of the way to render; `converged march` is the reference",
+    "family": "what is drawn alike: the method, and knobs other than its stored values and steps",
     "method": "transmittance method",
     "coefficients": "stored values per texel of a map; empty for a march",
     "steps": "steps across the longest diagonal of a volume, of view rays; 0 where the plan chose",
@@ -55,6 +56,7 @@ def _row(run: Run, result: Result, errors: Mapping[str, float | None]) -> dict[s
     row: dict[str, Any] = {
         "scene": run.subject.name,
         "variant": result.variant.name,
+        "family": result.variant.family,
         "method": method,
         "coefficients": None if method == "march" else settings["coefficients"],
         "steps": settings["steps"],

@@ -5,8 +5,8 @@ from __future__ import annotations
 import datetime
 import importlib.metadata
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +34,8 @@ from .tables import Table, decibel, percent, ratio
 class Options:
     """What to measure on every stage.
 
-    `coefficients` are stored values; `steps` of view and light rays alike, 0 for the plan's choice; `repeats` turns are
-    counted after one that warms up; `width` of the pictures in pixels.
+    `coefficients` are stored values; `steps` of view and light rays alike, 0 for the plan's choice; `others` values of
+    other knobs; `repeats` turns are counted after one that warms up; `width` of the pictures in pixels.
     """
 
     methods: tuple[str, ...]
@@ -44,6 +44,7 @@ class Options:
     repeats: int = 5
     width: int = 480
     camera: str | None = None
+    others: Mapping[str, Sequence[Any]] = field(default_factory=dict)
 
     def variants(self) -> list[Variant]:
         """All that is measured besides the converged march.
@@ -51,13 +52,14 @@ class Options:
         Raises:
             ValueError: for a value that a knob does not take.
         """
-        return variants(self.methods, self.coefficients, self.steps)
+        return variants(self.methods, self.coefficients, self.steps, self.others)
 
     def featured(self) -> list[Variant]:
-        """Those that sheets and summaries show: the usual numbers of coefficients, steps as the plan chooses."""
+        """Those that sheets and summaries show: the usual numbers of coefficients, steps as the plan chooses, of other
+        knobs all values."""
         counts = [n for n in self.coefficients if n in (6, 14)] or [self.coefficients[0], self.coefficients[-1]]
         steps = 0 if 0 in self.steps else self.steps[0]
-        return variants(self.methods, dict.fromkeys(counts), [steps])
+        return variants(self.methods, dict.fromkeys(counts), [steps], self.others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,6 +253,7 @@ def write(
             "methods": list(options.methods),
             "coefficients": list(options.coefficients),
             "steps": list(options.steps),
+            "others": {name: list(values) for name, values in options.others.items()},
             "repeats": options.repeats,
             "width": options.width,
         },

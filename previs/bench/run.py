@@ -7,6 +7,7 @@ are compared within a turn, and only these ratios are comparable between machine
 
 from __future__ import annotations
 
+import itertools
 import os
 import platform
 import time
@@ -56,39 +57,52 @@ def shipped_stages() -> list[Path]:
 class Variant:
     """A way to render: its name, and the knobs in which it differs from the stage's own settings.
 
-    Variants of one `family` are drawn alike; `label` tells them apart within it.
+    Variants of one `family` are drawn alike: they differ in the number of stored values and in steps alone.
     """
 
     name: str
     settings: Mapping[str, Any]
     family: str
-    label: str = ""
 
 
-def variants(methods: Iterable[str], coefficients: Iterable[int], steps: Iterable[int]) -> list[Variant]:
+def variants(
+    methods: Iterable[str],
+    coefficients: Iterable[int],
+    steps: Iterable[int],
+    others: Mapping[str, Sequence[Any]] | None = None,
+) -> list[Variant]:
     """All combinations of transmittance methods, stored values and steps; a march stores nothing.
 
-    `steps` are those of the view rays and of the light rays alike; 0 leaves both to the plan.
+    Args:
+        methods: values of the knob `transmittance`.
+        coefficients: numbers of stored values.
+        steps: of view rays and of light rays alike; 0 leaves both to the plan.
+        others: values of other knobs, to combine with all methods that store something. What differs from a knob's
+            default is in the name, and makes a family of its own.
 
     Raises:
-        ValueError: for a method or a number that the knob does not take.
+        ValueError: for an unknown knob, and a value that a knob does not take.
     """
     coefficients, steps, found = list(coefficients), list(steps), []
+    for name in others or {}:
+        if name not in BY_NAME:
+            raise ValueError(f"no knob {name!r}; known are {', '.join(BY_NAME)}")
+    combined = [dict(zip(others or {}, values, strict=True)) for values in itertools.product(*(others or {}).values())]
     for method in methods:
         BY_NAME["transmittance"].parse(method)
-        for count in coefficients if method != "march" else [None]:
+        stores = method != "march"
+        for more, count in itertools.product(combined if stores else [{}], coefficients if stores else [None]):
+            more = {name: BY_NAME[name].parse(value) for name, value in more.items()}
+            unusual = "".join(f", {n} {v}" for n, v in more.items() if v != BY_NAME[n].default)
             for number in steps:
-                settings: dict[str, Any] = {"transmittance": method}
+                settings: dict[str, Any] = {"transmittance": method, **more}
                 if count is not None:
                     settings["coefficients"] = BY_NAME["coefficients"].parse(count)
                 if number:
                     settings["steps"] = settings["light_steps"] = BY_NAME["steps"].parse(number)
                 name = method if count is None else f"{method} {count}"
-                label = "" if count is None else str(count)
-                if number:
-                    name += f", {number} steps"
-                    label += f"·{number}" if label else str(number)
-                found.append(Variant(name, settings, method, label))
+                name += unusual + (f", {number} steps" if number else "")
+                found.append(Variant(name, settings, method + unusual))
     return found
 
 
@@ -222,7 +236,7 @@ def measure(
     chosen = list(chosen)
     same = [v.name for v, s in zip(chosen, settings, strict=True) if dict(s) == dict(subject.settings)]
     if not same:
-        chosen.append(Variant("default", {}, subject.settings.transmittance, "default"))
+        chosen.append(Variant("default", {}, subject.settings.transmittance))
         settings.append(subject.settings)
     default = same[0] if same else "default"
     everything = [reference, *chosen]

@@ -52,6 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N[,N...]",
         help="steps of view and light rays; 0 leaves them to the plan (default: 0,128; quick: 0)",
     )
+    parser.add_argument(
+        "--vary",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE[,VALUE...]",
+        help="values of another knob to compare as well, like map_filter=blend,nearest",
+    )
     parser.add_argument("--quick", action="store_true", help="small pictures and few settings: minutes, not an hour")
     parser.add_argument(
         "--paper", action="store_true", help="also the tables of the papers; every .vdb is a smoke there"
@@ -67,7 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
     from ..render.renderer import Renderer
 
     if arguments.hard:
-        return _hard()
+        return _hard(arguments.methods)
+    others = _others(arguments)
     try:
         from ..bench import paper, plots, report  # noqa: F401
     except ModuleNotFoundError as error:
@@ -84,6 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         repeats=arguments.repeats or (3 if quick else 5),
         width=arguments.imageWidth or (240 if quick else 480),
         camera=arguments.camera,
+        others=others,
     )
     output = Path(arguments.output)
     try:
@@ -109,19 +118,41 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _hard() -> int:
+def _others(arguments: argparse.Namespace) -> dict[str, list]:
+    """The knobs that --vary names, with their values."""
+    others = {}
+    for given in arguments.vary:
+        name, equals, values = given.partition("=")
+        if not equals or name in ("transmittance", "coefficients", "steps", "light_steps"):
+            own = "" if not equals else f"; {name} has an option of its own"
+            arguments.parser.error(f"--vary {given}: write NAME=VALUE[,VALUE...]{own}")
+        if name not in BY_NAME:
+            arguments.parser.error(f"--vary {given}: no knob {name!r}; known are {', '.join(BY_NAME)}")
+        try:
+            others[name] = _list_of(name)(values)
+        except argparse.ArgumentTypeError as error:
+            arguments.parser.error(f"--vary {given}: {error}")
+    return others
+
+
+def _hard(methods: list[str] | None) -> int:
     from ..bench import hard
     from ..render.renderer import Renderer
 
-    progress = _Line() if sys.stderr.isatty() else None
+    line = _Line() if sys.stderr.isatty() else None
+
+    def progress(fraction: float, name: str) -> None:
+        if line is not None:
+            line(name, round(100 * fraction), 100)
+
     with Renderer() as renderer:
         try:
-            outcomes = hard.run(renderer, progress=progress)
+            outcomes = hard.run(renderer, methods=methods, progress=progress)
         finally:
-            if progress is not None:
-                progress.clear()
+            if line is not None:
+                line.clear()
     print(hard.table(outcomes))
-    return 0 if all(outcome.passed for outcome in outcomes) else 1
+    return 1 if any(outcome.verdict == "FAIL" for outcome in outcomes) else 0
 
 
 class _Line:

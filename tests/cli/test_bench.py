@@ -110,6 +110,10 @@ def test_a_bare_vdb_and_a_default_that_is_not_among_the_variants(run, stages, tm
         (["smoke.usda", "--methods", "tfm,none"], 2, "'none'"),
         (["smoke.usda", "--steps", "many"], 2, "steps: 'many'"),
         (["smoke.usda", "--repeats", "0"], 2, "--repeats"),
+        (["smoke.usda", "--vary", "map_filter"], 2, "--vary map_filter: write NAME=VALUE"),
+        (["smoke.usda", "--vary", "map_filter=round"], 2, "map_filter: 'round'"),
+        (["smoke.usda", "--vary", "filter=blend"], 2, "no knob 'filter'"),
+        (["smoke.usda", "--vary", "steps=4"], 2, "steps has an option of its own"),
         (["--paper-only", "text.vdb"], 1, "text.vdb"),
     ],
 )
@@ -132,3 +136,23 @@ def test_without_matplotlib_one_line_says_what_to_install(run, stages, tmp_path)
     [line] = result.stderr.splitlines()
     assert line == "previs bench: drawing the plots needs matplotlib: pip install 'previs[bench]'"
     assert not (tmp_path / "b").exists()
+
+
+@pytest.mark.parametrize(("verdicts", "status"), [(["pass", "reported"], 0), (["pass", "FAIL"], 1)])
+def test_hard_cases_are_printed(monkeypatch, capsys, verdicts, status):
+    from previs.bench import hard
+    from previs.cli import main
+
+    asked = {}
+
+    def stand_in(renderer, methods=None, names=None, progress=None):
+        asked["methods"] = methods
+        progress(0.5, "a case")
+        worst = hard.Measure(0.0, 1.0, "error", "%")
+        return [hard.Outcome("a case", "tfm", 6, worst, verdict) for verdict in verdicts]
+
+    monkeypatch.setattr(hard, "run", stand_in)
+    assert main(["bench", "--hard", "--methods", "tfm,march"]) == status
+    assert asked == {"methods": ["tfm", "march"]}
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].split()[:5] == ["a", "case", "tfm", "6", "pass"] and len(lines) == 4

@@ -64,6 +64,20 @@ def test_variants_are_all_combinations_and_a_march_stores_nothing() -> None:
     assert found[4].settings == {"transmittance": "march"}
 
 
+def test_other_knobs_make_families_of_their_own() -> None:
+    found = run.variants(["tfm", "march"], [6, 14], [0], {"map_filter": ["blend", "nearest"]})
+    assert [(v.name, v.family) for v in found] == [
+        ("tfm 6", "tfm"),
+        ("tfm 14", "tfm"),
+        ("tfm 6, map_filter nearest", "tfm, map_filter nearest"),
+        ("tfm 14, map_filter nearest", "tfm, map_filter nearest"),
+        ("march", "march"),
+    ]
+    assert found[2].settings == {"transmittance": "tfm", "coefficients": 6, "map_filter": "nearest"}
+    with pytest.raises(ValueError, match="no knob 'filter'"):
+        run.variants(["tfm"], [6], [0], {"filter": ["blend"]})
+
+
 @pytest.mark.parametrize(
     ("methods", "counts", "steps"), [(["none"], [6], [0]), (["tfm"], [5], [0]), (["tfm"], [6], [-1])]
 )
