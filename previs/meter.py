@@ -1,10 +1,10 @@
 """The error meter's statistics: which pixels of a picture to look at, and what they say of the whole.
 
-A few hundred pixels are drawn again by the brute-force march at converged steps. They are chosen at random, more of them
-where errors are likely: where the picture is bright or uneven, and where a better picture that is cheap to draw differs
-from it. Each counts for as many pixels as its probability says, so that sums over the picture are estimated without bias
-(Horvitz and Thompson 1952). From these sums follow the relative errors and the PSNR of `previs.metrics`, each with a 95 %
-confidence interval.
+A few hundred pixels are drawn again by the brute-force march at converged steps. They are chosen at random in two
+phases (double sampling, Cochran 1977, chapter 12): many, where the picture is bright or uneven; of these a few, where
+cheap but better pixels differ from it. Each counts for as many pixels as its probability says, so that sums over the
+picture are estimated without bias (Horvitz and Thompson 1952). From these sums follow the relative errors and the PSNR
+of `previs.metrics`, each with a 95 % confidence interval.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ import numpy as np
 
 from . import metrics
 
-#: Shares of the samples that are spread evenly over the picture, over what shows media or surfaces, and by how bright and
-#: uneven the picture is; the others follow what it differs from a better picture. The first shares bound what an error
+#: Shares of the samples that are spread evenly over the picture, over what shows media or surfaces, and by how bright
+#: and uneven the picture is; the others follow what it differs from better pixels. The first shares bound what an error
 #: can count that was expected nowhere near.
 EVEN_SHARE, SHOWN_SHARE, BRIGHT_SHARE = 0.2, 0.1, 0.2
+#: Pixels of the first phase, per pixel of the second.
+FIRST_PHASE = 32
 #: What a difference to a neighbour counts in the guess at a pixel's error, against its own brightness.
 UNEVENNESS = 1.0
 #: Values of the picture above this part of its peak tell how far off the peak is.
@@ -114,27 +116,35 @@ def _finite(value: float) -> float | None:
 class PixelSample:
     """Pixels chosen at random: `rows` from the top, `columns`, and the `probability` with which each was, (N,) each.
 
-    They are in the order in which they were chosen, along a curve on which neighbours are near each other. `better` is
-    the picture (H, W, 3), nearer the truth, that helped to choose them; None where there was none.
+    They are in the order in which they were chosen, along a curve on which neighbours are near each other. `density`
+    (3, N) holds how the shares that do not know of better pixels are spread. A second phase has the `first`, the
+    `better` values (N of the first, 3) of its pixels, and its own pixels' `places` among them.
     """
 
     rows: np.ndarray
     columns: np.ndarray
     probability: np.ndarray
+    density: np.ndarray
+    first: PixelSample | None = None
     better: np.ndarray | None = None
+    places: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
 
+    def deviation(self, values: np.ndarray) -> float:
+        """Standard deviation of the sum over the picture that is estimated from one value per pixel.
 
-def choose_pixels(
-    color: np.ndarray,
-    shown: np.ndarray | None = None,
-    count: int = 256,
-    seed: int = 0,
-    better: np.ndarray | None = None,
-) -> PixelSample:
-    """Choose pixels of a picture at random, more of them where errors are likely.
+        By successive differences in the order of choice (Wolter 2007, section 8.2, estimator v2), which counts only
+        once what is alike in neighbours; pixels that were certain to be chosen add nothing.
+        """
+        weighted = (values / self.probability)[self.probability < 1.0]
+        n = len(weighted)
+        return math.sqrt(n / (2.0 * (n - 1)) * float(np.sum(np.diff(weighted) ** 2))) if n > 1 else 0.0
+
+
+def choose_pixels(color: np.ndarray, shown: np.ndarray | None = None, count: int = 256, seed: int = 0) -> PixelSample:
+    """Choose pixels of a picture at random, more of them where it is bright or uneven.
 
     Systematic sampling with unequal probabilities (Madow 1949) along a Hilbert curve: no pixel is chosen twice, and the
     choice is spread evenly over the picture.
@@ -144,25 +154,61 @@ def choose_pixels(
         shown: (H, W) bool, where the picture shows media or surfaces; None takes where it is not black.
         count: how many; all where the picture has no more.
         seed: other pixels for another seed.
-        better: (H, W, 3) a picture that is likely to be nearer the truth. Estimates stay unbiased whatever it shows;
-            the better it is, the narrower their intervals.
     """
+    color = np.asarray(color, float)
     height, width = color.shape[:2]
     order = _hilbert_order(height, width)
-    if count >= order.size:
-        return PixelSample(order // width, order % width, np.ones(order.size), better)
-    probability = _inclusion(_guess(np.asarray(color, float), shown, better).ravel()[order], count)
+    density = np.stack([d.ravel() for d in _densities(color, shown)])[:, order]
+    weight = np.array([EVEN_SHARE, SHOWN_SHARE, 1.0 - EVEN_SHARE - SHOWN_SHARE]) @ density
+    number, probability = _systematic(weight, count, seed)
+    chosen = order[number]
+    return PixelSample(chosen // width, chosen % width, probability, density[:, number])
+
+
+def choose_again(
+    color: np.ndarray, first: PixelSample, better: np.ndarray, count: int = 256, seed: int = 0
+) -> PixelSample:
+    """Choose a few of the pixels chosen before, more of them where better pixels differ from the picture.
+
+    Args:
+        color: (H, W, 3) the picture.
+        first: chosen by `choose_pixels`.
+        better: (N, 3) values of its pixels that are likely to be nearer the truth. Estimates stay unbiased whatever
+            they are; the better they are, the narrower the intervals.
+        count, seed: as for `choose_pixels`.
+    """
+    off = np.linalg.norm(color[first.rows, first.columns] - better, axis=1)
+    shares = np.array([EVEN_SHARE, SHOWN_SHARE, BRIGHT_SHARE])
+    total = float(np.sum(off / first.probability))
+    rest = off / total if total > 0.0 else first.density[2]
+    wanted = shares @ first.density + (1.0 - shares.sum()) * rest
+    number, probability = _systematic(wanted / first.probability, count, seed + 1)
+    return PixelSample(
+        first.rows[number],
+        first.columns[number],
+        first.probability[number] * probability,
+        first.density[:, number],
+        first,
+        better,
+        number,
+    )
+
+
+def _systematic(weight: np.ndarray, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Places chosen in proportion to weights, in rising order, and their probabilities; all where there are no more."""
+    if count >= len(weight):
+        return np.arange(len(weight)), np.ones(len(weight))
+    probability = _inclusion(weight, count)
     reached = np.cumsum(probability)
     start = np.random.default_rng(seed).random()
     # Rounding must not lose the last one.
     number = np.searchsorted(reached * (count / reached[-1]), start + np.arange(count), side="right")
-    number = np.minimum(number, order.size - 1)
-    chosen = order[number]
-    return PixelSample(chosen // width, chosen % width, probability[number], better)
+    number = np.minimum(number, len(weight) - 1)
+    return number, probability[number]
 
 
-def _guess(color: np.ndarray, shown: np.ndarray | None, better: np.ndarray | None) -> np.ndarray:
-    """How likely pixels are to be chosen, relative to each other, (H, W)."""
+def _densities(color: np.ndarray, shown: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How the shares are spread, (H, W) each with sum 1: evenly, over what is shown, by brightness and unevenness."""
     bright = np.abs(color).max(axis=2)
     uneven = np.zeros_like(bright)
     for axis in (0, 1):
@@ -174,14 +220,7 @@ def _guess(color: np.ndarray, shown: np.ndarray | None, better: np.ndarray | Non
     guess = bright + UNEVENNESS * uneven
     shown = (bright > 0.0) if shown is None else np.asarray(shown, bool)
     even = np.full(bright.shape, 1.0 / bright.size)
-    shares = [(EVEN_SHARE, even)]
-    shares.append((SHOWN_SHARE, shown / shown.sum() if shown.any() else even))
-    rest = 1.0 - EVEN_SHARE - SHOWN_SHARE
-    if better is not None and (off := np.linalg.norm(color - better, axis=2)).any():
-        shares.append((rest - BRIGHT_SHARE, off / off.sum()))
-        rest = BRIGHT_SHARE
-    shares.append((rest, guess / guess.sum() if guess.any() else even))
-    return sum(share * part for share, part in shares)
+    return even, shown / shown.sum() if shown.any() else even, guess / guess.sum() if guess.any() else even
 
 
 def _inclusion(weight: np.ndarray, count: int) -> np.ndarray:
@@ -260,39 +299,59 @@ def estimate_error(
 
 
 class _Scale:
-    """What errors are relative to: the lit values of the truth, their sum and its peak. They are all but known from a
-    picture near the truth, and corrected by what the pixels differ from it."""
+    """What errors are relative to: the lit values of the truth, their sum and its peak. They are all but known from the
+    picture itself, and corrected by what the better pixels differ from it, and the truth from these."""
 
     def __init__(self, color: np.ndarray, sample: PixelSample, truth: np.ndarray) -> None:
+        self._sample = sample
         self._weight = 1.0 / sample.probability
-        self._certain = sample.probability >= 1.0
         self._values = color.size
-        near = color if sample.better is None else np.asarray(sample.better, float)
-        found = near[sample.rows, sample.columns]
-        peaks = [metrics.peak(near), metrics.peak(color)]
-        # The brightest values stand for the peak: it is off by as much as they are.
-        bright = (found >= BRIGHT * peaks[0]) & (peaks[0] > 0.0)
-        total = float(np.sum(self._weight[:, None] * found * bright))
-        ratio = max(float(np.sum(self._weight[:, None] * truth * bright)) / total, 0.0) if total > 0.0 else 1.0
-        self.peak = peaks[0] * ratio if peaks[0] > 0.0 else max(float(truth.max(initial=0.0)), 0.0)
-        if np.all(self._certain):
+        shown = color[sample.rows, sample.columns]
+        steps: list[tuple[PixelSample, np.ndarray, np.ndarray]] = [(sample, shown, truth)]
+        if (first := sample.first) is not None and sample.better is not None and sample.places is not None:
+            found = color[first.rows, first.columns]
+            steps = [(first, found, sample.better), (sample, sample.better[sample.places], truth)]
+            self._off = found - sample.better
+        self.peak, self._peak_doubt, self._peak_part = self._find_peak(color, steps)
+        threshold = metrics.LIT_THRESHOLD * self.peak if self.peak > 0.0 else math.inf
+        lit = color.max(axis=2) > threshold
+        self.sum, self.count = float(color[lit].sum()), 3.0 * np.count_nonzero(lit)
+        parts = []
+        for chosen, before, after in steps:
+            lit_before, lit_after = before.max(axis=1) > threshold, after.max(axis=1) > threshold
+            more = after.sum(axis=1) * lit_after - before.sum(axis=1) * lit_before
+            more_count = 3.0 * (lit_after.astype(float) - lit_before)
+            self.sum += float(np.sum(more / chosen.probability))
+            self.count += float(np.sum(more_count / chosen.probability))
+            parts.append((more, more_count))
+        self.sum, self.count = max(self.sum, 0.0), max(self.count, 0.0)
+        relative = [(m / (self.sum or 1.0), c / (self.count or 1.0)) for m, c in parts]
+        self._first_part, (self._sum_part, self._count_part) = relative[0][0], relative[-1]
+
+    def _find_peak(
+        self, color: np.ndarray, steps: list[tuple[PixelSample, np.ndarray, np.ndarray]]
+    ) -> tuple[float, float, np.ndarray]:
+        """The peak, by what its logarithm may be off besides the sampling, and what each pixel adds to it."""
+        sample, before, truth = steps[-1]
+        if sample.first is None and np.all(sample.probability >= 1.0):
             whole = np.zeros_like(color)
             whole[sample.rows, sample.columns] = truth
-            self.peak = metrics.peak(whole)
-            peaks = [self.peak]
-        # What is left to doubt in it: where pictures of other errors disagree about it, so may the truth.
-        peaks = [p for p in (*peaks, self.peak) if p > 0.0]
-        self._peak_doubt = math.log(max(peaks) / min(peaks)) if peaks else 0.0
-        left = np.sum((truth - found * ratio) * bright, axis=1)
-        self._peak_part = left / (total * ratio) if total > 0.0 and ratio > 0.0 else np.zeros(len(sample))
-        threshold = metrics.LIT_THRESHOLD * self.peak if self.peak > 0.0 else math.inf
-        lit_near, lit_found, lit_truth = (a.max(axis=-1) > threshold for a in (near, found, truth))
-        more = np.sum(truth, axis=1) * lit_truth - np.sum(found, axis=1) * lit_found
-        more_count = 3.0 * (lit_truth.astype(float) - lit_found)
-        self.sum = max(float(near[lit_near].sum()) + float(self._weight @ more), 0.0)
-        self.count = max(3.0 * np.count_nonzero(lit_near) + float(self._weight @ more_count), 0.0)
-        self._sum_part = more / self.sum if self.sum > 0.0 else more
-        self._count_part = more_count / self.count if self.count > 0.0 else more_count
+            return metrics.peak(whole), 0.0, np.zeros(len(sample))
+        start = peak = metrics.peak(color)
+        if peak <= 0.0:
+            return max(float(truth.max(initial=0.0)), 0.0), 0.0, np.zeros(len(sample))
+        if len(steps) > 1:
+            peak = _quantile_of(color, *steps[0])
+        # The brightest values stand for the peak: it is off by as much as they are.
+        bright = before >= BRIGHT * peak
+        total = float(np.sum(before * bright / sample.probability[:, None]))
+        if total <= 0.0:
+            return peak, abs(math.log(peak / start)), np.zeros(len(sample))
+        ratio = max(float(np.sum(truth * bright / sample.probability[:, None])) / total, 1e-9)
+        left = np.sum((truth - before * ratio) * bright, axis=1) / (total * ratio)
+        # What is left to doubt: where pictures of other errors disagree about the peak, so may the truth.
+        found = [start, peak, peak * ratio]
+        return found[-1], math.log(max(found) / min(found)), left
 
     def part(self, difference: np.ndarray) -> ErrorPart:
         """The error of which `difference` (N, 3) is what the pixels have."""
@@ -304,7 +363,8 @@ class _Scale:
             none = Estimate(0.0, 0.0, 0.0)
             return ErrorPart(none, none, Estimate(math.inf, math.inf, math.inf), none)
         square_part, amount_part = squares / square_sum, amounts / amount_sum
-        noise = self._deviation(0.5 * square_part - self._peak_part)
+        first = self._first_deviations()
+        noise = math.hypot(self._deviation(0.5 * square_part - self._peak_part), first[0])
         rms = math.sqrt(square_sum / self._values)
         level = 20.0 * math.log10(self.peak / rms) if self.peak > 0.0 else -math.inf
         decibels = 20.0 / math.log(10.0) * (_quantile(square_part * self._weight) * noise + self._peak_doubt)
@@ -313,32 +373,63 @@ class _Scale:
             infinite = Estimate(math.inf, math.inf, math.inf)
             return ErrorPart(infinite, infinite, psnr, infinite)
         bias = float(self._weight @ signed) / self.sum
-        width = _quantile(self._weight * np.abs(signed)) * self._deviation(signed / self.sum - bias * self._sum_part)
+        width = _quantile(self._weight * np.abs(signed)) * math.hypot(
+            self._deviation(signed / self.sum - bias * self._sum_part), first[3] * amount_sum / self.sum
+        )
         return ErrorPart(
             _interval(
                 math.sqrt(square_sum * self.count) / self.sum,
                 _quantile(square_part * self._weight)
-                * self._deviation(0.5 * square_part + 0.5 * self._count_part - self._sum_part),
+                * math.hypot(self._deviation(0.5 * square_part + 0.5 * self._count_part - self._sum_part), first[1]),
             ),
             _interval(
                 amount_sum / self.sum,
-                _quantile(amount_part * self._weight) * self._deviation(amount_part - self._sum_part),
+                _quantile(amount_part * self._weight)
+                * math.hypot(self._deviation(amount_part - self._sum_part), first[2]),
             ),
             psnr,
             Estimate(bias, bias - width, bias + width),
         )
 
     def _deviation(self, values: np.ndarray) -> float:
-        """Standard deviation of the sum over the picture that is estimated from one value per pixel chosen.
+        return self._sample.deviation(values)
 
-        By successive differences along the curve on which they were chosen (Wolter 2007, section 8.2, estimator v2),
-        which counts what is alike in neighbours only once; pixels that were certain to be chosen add nothing.
-        """
-        weighted = (self._weight * np.broadcast_to(values, self._weight.shape))[~self._certain]
-        n = len(weighted)
-        if n < 2:
-            return 0.0
-        return math.sqrt(n / (2.0 * (n - 1)) * float(np.sum(np.diff(weighted) ** 2)))
+    def _first_deviations(self) -> tuple[float, float, float, float]:
+        """What the first phase adds to the deviations: of log PSNR, of both relative errors, and of the bias relative
+        to the mean error. What better pixels differ from the picture stands for its error."""
+        first = self._sample.first
+        if first is None:
+            return 0.0, 0.0, 0.0, 0.0
+        squares, amounts = np.sum(self._off**2, axis=1), np.sum(np.abs(self._off), axis=1)
+        square_sum, amount_sum = (max(float(np.sum(v / first.probability)), 1e-300) for v in (squares, amounts))
+        square_part, amount_part = 0.5 * squares / square_sum, amounts / amount_sum
+        return (
+            first.deviation(square_part),
+            first.deviation(square_part - self._first_part),
+            first.deviation(amount_part - self._first_part),
+            first.deviation(np.sum(self._off, axis=1) / amount_sum),
+        )
+
+
+def _quantile_of(color: np.ndarray, sample: PixelSample, before: np.ndarray, after: np.ndarray) -> float:
+    """`metrics.peak` of a picture, from some of its pixels: it has the values `after` where a known one has `before`.
+
+    The number of values above a level is counted in the known picture and corrected by the sampled difference.
+    """
+    wanted = 0.001 * color.size
+    known = np.sort(color.ravel())
+    levels = np.unique(np.concatenate([before.ravel(), after.ravel(), [metrics.peak(color)]]))
+    levels = levels[levels > 0.5 * metrics.peak(color)]
+    weight = np.repeat(1.0 / sample.probability, 3)
+
+    def above(values: np.ndarray) -> np.ndarray:
+        order = np.argsort(values.ravel())
+        reached = np.concatenate([[0.0], np.cumsum(weight[order])])
+        return reached[-1] - reached[np.searchsorted(values.ravel()[order], levels, side="right")]
+
+    count = known.size - np.searchsorted(known, levels, side="right") + above(after) - above(before)
+    enough = np.flatnonzero(count >= wanted)
+    return float(levels[enough[-1]]) if enough.size else metrics.peak(color)
 
 
 def _quantile(shares: np.ndarray) -> float:

@@ -11,23 +11,21 @@ from ..description import Camera, Volume
 from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
-from ..meter import ErrorEstimate, choose_pixels, estimate_error
+from ..meter import FIRST_PHASE, ErrorEstimate, PixelSample, choose_again, choose_pixels, estimate_error
 from ..settings import BY_NAME, Settings
 from .method import method_of
 from .plan import LOOP_BUDGET, steps_across
 from .renderer import Renderer, sample_shifts
 from .scattered import ScatteredPixels
 
-#: Steps of a view ray through a volume that more would not change by anything that counts: so many at least, and so many
-#: per step that the plan would take. On the shipped scenes doubling them changes the mean error by less than 2e-4.
+#: Steps of a view ray through a volume that more would not change by anything that counts: so many at least, and so
+#: many per step that the plan would take. On the shipped scenes doubling them changes the mean error by less than 2e-4.
 CONVERGED_STEPS, CONVERGED_FACTOR = 2048, 4
 #: Transmittance below which a converged view ray ends.
 CONVERGED_CUTOFF = 1e-7
-#: The picture that says where errors are likely: a good map, and so many times the steps.
+#: The pixels that say where errors are likely: by good maps, and so many times the steps.
 GUESS = {"transmittance": "quantile", "coefficients": 14, "map_filter": "blend"}
 GUESS_STEPS = 2
-
-Drawing = Generator[float, None, np.ndarray]
 
 
 def converged(settings: Settings, volumes: list[Volume]) -> Settings:
@@ -134,26 +132,22 @@ class ErrorMeter:
             raise PrevisError(f"{bad} values of the picture are not finite, so its error cannot be measured")
         clock = _Clock()
         volumes = [entry.record for entry in index.volumes.values()]
-        width, height = image.size
         count = settings.error_pixels
-        better = None
-        if count < width * height:
-            better = yield from clock.timed(
-                self._better(index, camera, image, settings, volumes, piece_seconds), 0.0, 0.4
-            )
         clock.start()
-        transmittance = image.aovs.get("transmittance")
         shown = np.isfinite(image.depth)
-        if transmittance is not None:
+        if (transmittance := image.aovs.get("transmittance")) is not None:
             shown = shown | (transmittance < 1.0).any(axis=2)
-        sample = choose_pixels(image.color, shown, count, seed, better)
-        pixels = ScatteredPixels(sample.rows, sample.columns)
+        sample = choose_pixels(image.color, shown, FIRST_PHASE * count, seed)
         clock.stop()
+        first = 0.0
+        if count < len(sample):
+            work = self._better(index, camera, image, settings, volumes, sample, piece_seconds)
+            better = yield from clock.timed(work, 0.0, first := 0.4)
+            sample = choose_again(image.color, sample, better, count, seed)
         truth = converged(settings, volumes)
         same_steps = _brute_force(settings, volumes)
-        pair = yield from clock.timed(
-            self._pixels(index, camera, image.size, (same_steps, truth), pixels, piece_seconds), 0.4, 1.0
-        )
+        work = self._pixels(index, camera, image.size, (same_steps, truth), sample, piece_seconds)
+        pair = yield from clock.timed(work, first, 1.0)
         return estimate_error(
             image.color, sample, *pair, steps=truth.steps, light_steps=truth.light_steps, seconds=clock.seconds
         )
@@ -165,27 +159,23 @@ class ErrorMeter:
         image: Image,
         settings: Settings,
         volumes: list[Volume],
+        sample: PixelSample,
         piece_seconds: float | None,
-    ) -> Drawing:
-        """A picture likely to be nearer the truth, (H, W, 3): good maps, more steps, one sample per pixel.
+    ) -> Generator[float, None, np.ndarray]:
+        """Values of pixels that are likely to be nearer the truth, (N, 3): by good maps and more steps.
 
-        Where the picture has more samples, or light by brute force, it is itself corrected by what the steps change.
+        Where the picture has light by brute force, maps would not be nearer: it is corrected by what the steps change.
         """
         automatic = {name: 0 for name in ("map_size", "threshold", "density_weighting", "light_steps")}
-        same = settings.replace(antialias=1, **GUESS, **automatic)
+        same = settings.replace(**GUESS, **automatic)
         steps = max((steps_across(v, settings.steps) for v in volumes), default=1)
         finer = same.replace(steps=_possible("steps", GUESS_STEPS * steps))
-        apart = settings.antialias > 1 or not method_of(settings).has_maps
-        base = settings.replace(antialias=1) if method_of(settings).has_maps else same
-        share = 0.3 if apart else 0.0
-        drawn = []
-        for part, chosen in ((0.0, base), (share, finer)) if apart else ((0.0, finer),):
-            plan = self._renderer.plan(index, camera, *image.size, chosen)
-            whole = share if part < share else 1.0 - share
-            for done in self._renderer.drawing(plan, piece_seconds):
-                yield part + done * whole
-            drawn.append(self._renderer.planes(plan)["color"].astype(float))
-        return np.maximum(image.color + (drawn[1] - drawn[0]), 0.0) if apart else drawn[0]
+        kinds = (finer,) if method_of(settings).has_maps else (same, finer)
+        drawn = yield from self._pixels(index, camera, image.size, kinds, sample, piece_seconds)
+        if len(kinds) == 1:
+            return drawn[0]
+        found = image.color[sample.rows, sample.columns]
+        return np.maximum(found + (drawn[1] - drawn[0]), 0.0)
 
     def _pixels(
         self,
@@ -193,10 +183,11 @@ class ErrorMeter:
         camera: Camera,
         size: tuple[int, int],
         kinds: tuple[Settings, ...],
-        pixels: ScatteredPixels,
+        sample: PixelSample,
         piece_seconds: float | None,
     ) -> Generator[float, None, list[np.ndarray]]:
         """Pixels as each of several settings draws them, (N, 3) each, averaged over the samples of a pixel."""
+        pixels = ScatteredPixels(sample.rows, sample.columns)
         shifts = sample_shifts(kinds[0].antialias)
         totals = [np.zeros((len(pixels), 3)) for _ in kinds]
         parts, done = len(shifts) * len(kinds), 0
