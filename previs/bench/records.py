@@ -31,6 +31,9 @@ COLUMNS = {
     "speedup": "times faster than the reference in the same turn, median",
     "speedup_low": "first quartile",
     "speedup_high": "third quartile",
+    "view_speedup": "times faster than the reference in the march along view rays alone, maps being there; median",
+    "view_speedup_low": "first quartile",
+    "view_speedup_high": "third quartile",
     "relative_time": "times the time of the default settings in the same turn, median",
     "relative_time_low": "first quartile",
     "relative_time_high": "third quartile",
@@ -65,7 +68,7 @@ def _row(run: Run, result: Result, errors: Mapping[str, float | None]) -> dict[s
         "volume_psnr": None,
         **errors,
     }
-    for name in ("seconds", "speedup", "relative_time"):
+    for name in ("seconds", "speedup", "view_speedup", "relative_time"):
         spread = getattr(result, name)
         row |= {name: spread.median, f"{name}_low": spread.low, f"{name}_high": spread.high}
     row |= {"default": result.variant.name == run.default, "front": False}

@@ -8,6 +8,7 @@ are compared within a turn, and only these ratios are comparable between machine
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import platform
 import time
@@ -184,7 +185,9 @@ class Result:
     """What a variant gave: its picture, and what it took.
 
     `seconds` by the clock of `clock_of`; `speedup` is how many times less that is than the reference took in the same
-    turn, and `relative_time` how many times as much as the default settings took.
+    turn, and `relative_time` how many times as much as the default settings took. `view_speedup` is the same as
+    `speedup` of the time that passed in the march along view rays alone: what a camera's movement takes, for which maps
+    need not be filled again.
     """
 
     variant: Variant
@@ -192,6 +195,7 @@ class Result:
     seconds: Spread
     speedup: Spread
     relative_time: Spread
+    view_speedup: Spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +247,7 @@ def measure(
     all_settings = [subject.settings.replace(**reference.settings), *settings]
     images: dict[int, Image] = {}
 
-    def one(item: int, turn: int) -> float:
+    def one(item: int, turn: int) -> tuple[float, float]:
         if progress is not None:
             progress(f"{subject.name}: {everything[item].name}", turn * len(everything) + item, total)
         renderer.forget_scene()
@@ -252,10 +256,11 @@ def measure(
             images[item] = renderer.render(subject.index, subject.camera, subject.size, all_settings[item])
         except PrevisError as error:
             raise PrevisError(f"{subject.name}, {everything[item].name}: {error}") from error
-        return clock() - begin
+        return clock() - begin, images[item].stats["times"].get("march", math.nan)
 
     total = len(everything) * (repeats + 1)
-    times = in_turns(len(everything), repeats, one)
+    taken = in_turns(len(everything), repeats, one)
+    times, views = ([[pair[part] for pair in turns] for turns in taken] for part in range(2))
     base = times[[v.name for v in everything].index(default)]
     results = [
         Result(
@@ -264,6 +269,7 @@ def measure(
             Spread.of(times[i]),
             Spread.of([a / b for a, b in zip(times[0], times[i], strict=True)]),
             Spread.of([a / b for a, b in zip(times[i], base, strict=True)]),
+            Spread.of([a / b for a, b in zip(views[0], views[i], strict=True)]),
         )
         for i, v in enumerate(everything)
     ]
