@@ -147,11 +147,11 @@ def transmittance_function_maps(
         "assumed to mean; PSNR of the linear radiance, whose peak is the 99.9th percentile of the march, is in the "
         "last columns. Speed is in frames per second in the paper (on a GTX 480) and here in times faster than the "
         "dual ray march: of a frame from nothing, map and all, and of one for which the map is there, as when the "
-        f"camera moves. A {map_size}² map has {map_size**2 / size**2:.1f} rays for every pixel of these pictures of {size}², "
-        "each through the whole box, while the march follows a ray to the light only from where a pixel sees the "
-        "medium: for one picture of one small medium filling the map can cost more than it saves.",
+        f"camera moves. A {map_size}² map has {map_size**2 / size**2:.1f} rays for every pixel of these pictures of "
+        f"{size}², each through the whole box, while the march follows a ray to the light only from where a pixel sees "
+        "the medium: for one picture of one small medium filling the map can cost more than it saves.",
         "How good full-range maps are hangs on the optical depth above all, as the table by optical depth shows: the "
-        "published figures with weighting are those of a thin medium. Near T = 1 the tenth power makes the error of a "
+        "published figures with weighting lie where a medium is thin. Near T = 1 the tenth power makes the error of a "
         "stored value ten times larger, near 0 it makes it smaller; so weighting mends ripples in the dark and costs "
         "accuracy where light enters, as the light rays below show. Without weighting the published PSNR falls when "
         "coefficients are added, which the error of a projection by itself cannot do.",
