@@ -25,12 +25,15 @@ from previs.bench.random_scenes import (
     RandomScene,
     Structure,
     Tier,
+    field,
+    look_at,
+    polygons,
     random_scene,
     random_structure,
     unshadowed,
 )
 from previs.bench.reference_scene import reference_image
-from previs.description import Camera
+from previs.description import Box, Camera, Light, Mesh, SceneDescription, Volume, framing_camera
 from previs.settings import BY_NAME
 
 pytestmark = pytest.mark.gl
@@ -47,15 +50,15 @@ CONVERGED = {
     "shadow_map_size": 2048,
     "opacity_cutoff": 1e-6,
 }
-#: The share of a picture's light that may be in the wrong place. Smooth pictures are met to 1e-5; a step holds the edge of
-#: a shadow or of a cone (found to a part of the step), half floats hold the voxels to 5e-4 of their peak, and a
-#: 256th of a dense medium's depth is a visible part of what it scatters.
+#: The share of a picture's light that may be in the wrong place. Smooth pictures are met to 1e-5; the edge of a cone or
+#: of another volume's shadow falls inside a step, half floats hold voxels to 5e-4 of their peak, and one step through
+#: a dense medium is a visible part of what it scatters.
 LIMIT = 5e-3
 #: How far, in pixels, a rasterised edge or the edge of a shadow may be from where it is: vertices are placed to
 #: 1/256 of a pixel, a texel of a shadow map of 2048² is up to a hundredth of one of these small pictures' pixels.
 EDGE_SHIFT = 0.02
 #: Light below this part of what the scene would have without shadows is as good as none.
-DARK = 1e-2
+DARK = 5e-2
 
 #: Shaders are compiled for a structure: a few that together have everything keep that short.
 STRUCTURES = (
@@ -70,14 +73,16 @@ STRUCTURES = (
     Structure(("grid", "grid"), ("point", "spot", "distant"), ("schlick", "hg"), True, "none", ("quad",), dome=True),
     Structure(("grid",), ("sphere",), ("hg",), emission="field"),
     Structure(("grid",), ("distant",), ("isotropic",), True, "temperature", ("box",)),
-    Structure(("box", "capsule", "grid"), ("spot", "disk", "point"), ("hg", "isotropic", "two_lobe"), False, "constant"),
+    Structure(
+        ("box", "capsule", "grid"), ("spot", "disk", "point"), ("hg", "isotropic", "two_lobe"), False, "constant"
+    ),
     Structure(("sphere", "sphere", "box"), ("distant", "sphere"), ("rayleigh",) * 3, occluders=("quad",)),
     Structure(("grid", "grid", "grid"), ("distant", "point"), ("hg",) * 3, chromatic=True),
 )
 #: For pictures by maps: grids, one and several, grey and coloured, near every kind of light and map.
-MAPPED = (STRUCTURES[0], STRUCTURES[1], STRUCTURES[6], STRUCTURES[7])
+MAPPED = (STRUCTURES[0], STRUCTURES[1], STRUCTURES[7])
 #: For wild scenes, which are drawn by every method.
-BOUNDED = (STRUCTURES[8], STRUCTURES[11], STRUCTURES[10])
+BOUNDED = (STRUCTURES[8], STRUCTURES[11])
 
 
 class Drawn:
@@ -140,8 +145,8 @@ def brightness(picture: np.ndarray) -> float:
 def share_misplaced(color: np.ndarray, made: RandomScene, size: tuple[int, int] = SIZE, limit: float = LIMIT) -> float:
     """The part of the picture's light that is in the wrong place, as `metrics.mean_relative_error` has it.
 
-    Where that is above the limit it is measured again, allowing every pixel what the reference shows within `EDGE_SHIFT`
-    of its centre, and for light that is hardly there.
+    Where that is above the limit it is measured again, allowing every pixel what the reference shows within
+    `EDGE_SHIFT` of its centre, and for light that is hardly there.
     """
     truth = reference_image(made.description, made.camera, *size, max_error=1e-4).color
     error = metrics.mean_relative_error(color, truth)
@@ -180,3 +185,93 @@ def test_march_equals_the_reference_in_any_structure(made: RandomScene, renderer
     error = share_misplaced(render(renderer, made, **CONVERGED).color, made)
     FIGURES["march, any structure, share of light misplaced"].append(error)
     assert error <= LIMIT
+
+
+#: By number of coefficients: the greatest mean error and the fewest decibels that every gentle scene must keep to. Most
+#: do far better; a picture of 80 pixels in which one lies on the edge of a dense medium does no better.
+MAP_LIMITS = {6: (0.06, 30.0), 14: (0.03, 34.0)}
+
+
+@examples(12)
+@given(made=scenes(GENTLE, MAPPED))
+def test_maps_at_default_settings(made: RandomScene, renderer: previs.Renderer) -> None:
+    """The default method with 6 and 14 coefficients, against a march of the same steps: what the maps cost."""
+    note(made.text)
+    truth = render(renderer, made, transmittance="march").color
+    if brightness(truth) <= DARK * brightness(render(renderer, bright(made), transmittance="march").color):
+        return
+    for count, (most, least) in MAP_LIMITS.items():
+        color = render(renderer, made, coefficients=count).color
+        error, decibels = metrics.mean_relative_error(color, truth), metrics.psnr(color, truth)
+        FIGURES[f"default method, {count} coefficients, mean error"].append(error)
+        FIGURES[f"default method, {count} coefficients, decibels"].append(min(decibels, 120.0))
+        assert error <= most
+        assert decibels >= least
+
+
+def bright(made: RandomScene) -> RandomScene:
+    """The same without shadows."""
+    return RandomScene(unshadowed(made.description), made.camera, made.text, made.structure)
+
+
+def assert_bounded(renderer: previs.Renderer, made: RandomScene, **knobs) -> None:
+    """Every plane is finite, transmittance and opacity are in [0, 1], and no light is more than unshadowed light."""
+    size, common = (8, 6), {"steps": 24, "light_steps": 24, "map_size": 16, "shadow_map_size": 64, **knobs}
+    most = render(renderer, bright(made), size, **{**common, "transmittance": "march"}).color
+    for method in METHODS:
+        image = render(renderer, made, size, **{**common, "transmittance": method})
+        for name, plane in {"color": image.color, "alpha": image.alpha, **image.aovs}.items():
+            assert np.isfinite(plane).all(), (method, name)
+        FIGURES["wild pictures drawn"].append(1.0)
+        assert image.color.min() >= 0.0, method
+        assert 0.0 <= image.alpha.min() and image.alpha.max() <= 1.0, method
+        passed = image.aovs.get("transmittance", np.ones(1))
+        assert 0.0 <= passed.min() and passed.max() <= 1.0, method
+        assert np.all(image.color <= most * (1.0 + 1e-4) + 1e-6 * most.max()), method
+
+
+@examples(30)
+@given(made=scenes(WILD, BOUNDED))
+def test_wild_scenes_stay_in_bounds(made: RandomScene, renderer: previs.Renderer) -> None:
+    """Whatever the records hold, by every method."""
+    note(made.text)
+    assert_bounded(renderer, made)
+
+
+@pytest.mark.slow
+def test_ten_thousand_pictures_are_finite(renderer: previs.Renderer) -> None:
+    """Wild scenes of any structure, evenly distributed; a new structure every tenth, as each compiles shaders."""
+    structures = RandomChoices(np.random.default_rng(1))
+    number = 0
+    while len(FIGURES["wild pictures drawn"]) < 10_000:
+        if number % 10 == 0:
+            structure = random_structure(structures)
+        made = random_scene(RandomChoices(np.random.default_rng((7, number))), WILD, structure)
+        try:
+            assert_bounded(renderer, made)
+        except AssertionError as error:
+            raise AssertionError(f"scene {number}: {made.structure}: {made.text}") from error
+        number += 1
+
+
+@pytest.mark.xfail(strict=True, reason="an emission field without active voxels is taken for no field: factor 1")
+@pytest.mark.parametrize("role", ["emission", "temperature"])
+def test_an_empty_emission_field_emits_nothing(role: str, renderer: previs.Renderer) -> None:
+    """As the first frame of an explosion has it: smoke is there, fire is not yet."""
+    ones, none = np.ones((4, 4, 4)), np.zeros((4, 4, 4))
+    medium = previs.Medium(albedo=(0.5,) * 3, emission=(1.0,) * 3)
+    smoke = Volume("/Smoke", np.eye(4), medium, density=field(ones), **{role: field(none)})
+    description = SceneDescription(volumes={"/Smoke": smoke})
+    image = renderer.render(index_of(description), framing_camera(description), SIZE, Settings())
+    assert not image.color.any()
+
+
+@pytest.mark.xfail(strict=True, raises=ZeroDivisionError, reason="the pad of a flat span is lost to rounding")
+def test_a_flat_mesh_edge_on_to_the_sun(renderer: previs.Renderer) -> None:
+    """A card whose plane holds the direction of the light shades nothing."""
+    card = Mesh("/Card", polygons([(-1, 0, 1), (1, 0, 1), (1, 1, 1), (-1, 1, 1)], [(0, 1, 2, 3)]), np.eye(4)[None])
+    sun = Light("/Sun", "distant", look_at((1.0, 0.0, 0.0), (0.0, 0.0, 0.0)), (1.0,) * 3, (1.0,) * 3)
+    fog = Volume("/Fog", np.eye(4), shape=Box((-1.0,) * 3, (1.0,) * 3))
+    description = SceneDescription({"/Fog": fog}, {"/Sun": sun}, {"/Card": card})
+    image = renderer.render(index_of(description), framing_camera(description), SIZE, Settings())
+    assert image.color.max() > 0.0
