@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from .. import metrics
 from ..description import Volume
@@ -64,7 +63,7 @@ class Paper:
     title: str
     text: tuple[str, ...]
     tables: tuple[Table, ...]
-    figures: dict[str, Figure]
+    figures: dict[str, plots.Figure]
     captions: dict[str, str]
     record: dict[str, Any] = field(default_factory=dict)
 

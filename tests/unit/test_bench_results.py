@@ -3,6 +3,8 @@
 import csv
 import io
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -168,3 +170,12 @@ def test_the_optical_depth_of_a_made_scene() -> None:
         assert media.deepest_way(volume, media.DIRECTION) * max(volume.medium.extinction) == pytest.approx(
             7.0, rel=1e-5
         )
+
+
+def test_only_the_plots_need_matplotlib() -> None:
+    """The hard cases, and what the tests use, run without it."""
+    folder = Path(run.__file__).parent
+    users = {
+        p.name for p in folder.rglob("*.py") if re.search(r"^\s*(from|import) matplotlib", p.read_text("utf-8"), re.M)
+    }
+    assert users == {"plots.py"}
