@@ -40,8 +40,8 @@ class Image:
         return self.color.shape[1], self.color.shape[0]
 
     def with_error(self, error: ErrorEstimate) -> Image:
-        """The same picture with its measured error, also in `stats` under ``error``."""
-        return replace(self, error=error, stats={**self.stats, "error": error.to_dict()})
+        """The same picture with its measured error, also in `stats` under ``measured_error``."""
+        return replace(self, error=error, stats={**self.stats, "measured_error": error.to_dict()})
 
     def __repr__(self) -> str:
         width, height = self.size

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
-import tempfile
+import secrets
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
@@ -275,17 +275,14 @@ def written_beside(path: Path) -> Iterator[Path]:
     Raises:
         PrevisError: when the folder cannot be written to.
     """
+    # Named before it is made: whatever interrupts the making, it is known what to remove.
+    beside = path.with_name(f".{path.stem}.{secrets.token_hex(6)}{path.suffix.lower()}")
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix.lower(), dir=path.parent)
-    except OSError as error:
-        raise PrevisError(f"{path}: cannot be written: {error.strerror}") from None
-    os.close(handle)
-    beside = Path(name)
-    try:
+        try:
+            beside.touch(exist_ok=False)
+        except OSError as error:
+            raise PrevisError(f"{path}: cannot be written: {error.strerror}") from None
         yield beside
-        umask = os.umask(0)
-        os.umask(umask)
-        beside.chmod(0o666 & ~umask)
         try:
             os.replace(beside, path)
         except OSError as error:

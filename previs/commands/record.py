@@ -38,7 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reference", action="store_true", help="march light by brute force with at least 1024 steps and two per voxel"
     )
-    parser.add_argument("--stats", metavar="FILE.json", help="write times, plan, memory and warnings of every frame")
+    parser.add_argument(
+        "--stats", metavar="FILE.json", help="write times, plan, memory, warnings and measured error of every frame"
+    )
+    parser.add_argument(
+        "--measure-error",
+        action=argparse.BooleanOptionalAction,
+        default=None,
+        help="estimate the error of every frame from pixels drawn again by brute force (default: with --stats)",
+    )
     parser.add_argument("--cameraLight", action="store_true", help="add a light that shines along the view")
     parser.add_argument(
         "--disableCameraLight", action="store_true", help="accepted; there is no camera light by default"
@@ -70,11 +78,13 @@ def run(arguments: argparse.Namespace) -> int:
         if file is not None and not Path(file).parent.is_dir():
             raise PrevisError(f"{file}: there is no folder {Path(file).parent}")
     from ..index import RenderIndex
+    from ..render.measure import ErrorMeter
     from ..render.renderer import Renderer
 
+    measures = bool(arguments.stats) if arguments.measure_error is None else arguments.measure_error
     said: set[str] = set()
     records, failed = [], 0
-    with open_scene(arguments) as scene, Renderer() as renderer:
+    with open_scene(arguments) as scene, Renderer() as renderer, ErrorMeter(renderer) as meter:
         if arguments.disableGpu and not renderer.is_software:
             print(
                 f"warning: --disableGpu: this driver has no software rasteriser; {renderer.device} draws",
@@ -95,6 +105,13 @@ def run(arguments: argparse.Namespace) -> int:
                 index.update(description)
                 chosen = _reference(settings, description) if arguments.reference else settings
                 image = renderer.render(index, camera, size, chosen, _progress(number, len(frames), frame))
+                unmeasured = None
+                if measures:
+                    try:
+                        image = image.with_error(meter.measure(index, camera, image, chosen, number))
+                    except PrevisError as error:
+                        # The picture is there, and may be what was wanted.
+                        unmeasured = f"its error was not measured: {error}"
                 if arguments.enableDomeLightVisibility:
                     image = _over_dome(image, description)
                 image.save(output, exposure=arguments.exposure, color_correction=arguments.colorCorrectionMode)
@@ -107,13 +124,17 @@ def run(arguments: argparse.Namespace) -> int:
                 continue
             _clear_line()
             notes = list(image.stats["notes"]) + _light_notes(description)
+            notes += [unmeasured] if unmeasured is not None else []
             for note in notes:
                 if note not in said:
                     said.add(note)
                     print(f"warning: {note}", file=sys.stderr)
             seconds = clock.perf_counter() - begin
             if frame is not None:
-                print(f"Recording time code: {frame:.4f}  {output}  {seconds:.2f} s", flush=True)
+                error = f"  {image.error}" if image.error is not None else ""
+                print(f"Recording time code: {frame:.4f}  {output}  {seconds:.2f} s{error}", flush=True)
+            elif image.error is not None:
+                print(f"{output}: {image.error}", flush=True)
             stats = {k: v for k, v in image.stats.items() if k != "notes"}
             total = {
                 "frame": frame,
