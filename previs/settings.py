@@ -91,10 +91,10 @@ TABLE: tuple[Setting, ...] = (
         "transmittance",
         "tfm",
         "How light is attenuated on its way into the media: tfm, adaptive transmittance function maps [ATFM12]; "
-        "tfm-plain, the maps of [TFM11]; legendre, adaptive maps of Legendre polynomials; quantile, maps of the depths "
-        "at which the transmittance crosses fixed levels; march, a brute-force march towards every light.",
+        "tfm-plain, the maps of [TFM11]; quantile, maps of the depths at which the transmittance crosses fixed levels; "
+        "march, a brute-force march towards every light.",
         ("transmittance_map", "surface", "march"),
-        choices=("tfm", "tfm-plain", "legendre", "quantile", "march"),
+        choices=("quantile", "tfm", "tfm-plain", "march"),
         flag="--transmittance",
     ),
     Setting(
@@ -152,8 +152,8 @@ TABLE: tuple[Setting, ...] = (
     Setting(
         "density_weighting",
         0.0,
-        "Exponent alpha of [TFM11] section 6.2: maps hold T^(1/alpha). 0 takes 1 for tfm-plain, 2 for the others, more "
-        "for a light inside the volume and for channels that differ more.",
+        "Exponent alpha of [TFM11] section 6.2: maps hold T^(1/alpha). 0 takes 1.25 for quantile, 2 for "
+        "tfm, 1 for tfm-plain; for the first two more where a light is inside the volume or channels differ more.",
         ("transmittance_map",),
         minimum=1.0,
         maximum=64.0,

@@ -1,6 +1,5 @@
 // One texel: the transmittance f = exp(-stored strength * optical density) along one light ray through one volume, as MAP_CURVE says:
 //   cosine    c_j = (2/D) int_0^D f(x) cos(j pi x / D) dx [TFM11 alg. 2]
-//   legendre  c_j = ((2j + 1)/D) int_0^D f(x) P_j(2x/D - 1) dx
 //   quantile  the depths at which f crosses evenly spaced levels between 1 and its end
 // The curve is exponential inside a step; its mean over the step times the mean of the basis over the step is summed.
 // Without MAP_ADAPTIVE the range is the whole way through the bounds [TFM11]. With it the ray is marched twice [ATFM12 alg. 2]: once to
@@ -95,7 +94,6 @@ void project(inout vec4 c[CURVE_VECTORS], float begin, float h, float count, ino
     for (float n = 0.0; n < count; n += 1.0) {
         float step_depth = stored * density(begin + (n + 0.5) * h) * h;
         float mean = from * mean_transmittance(step_depth);
-#if MAP_CURVE == CURVE_COSINE
         float twice = 2.0 * cos(PI * (n + 0.5) / count);
         float previous = 0.5 * twice;  // cos of -theta, then Chebyshev: cos((j+1)t) = 2 cos t cos(jt) - cos((j-1)t)
         float current = 1.0;
@@ -105,28 +103,13 @@ void project(inout vec4 c[CURVE_VECTORS], float begin, float h, float count, ino
             previous = current;
             current = next;
         }
-#else
-        float t = 2.0 * (n + 0.5) / count - 1.0;
-        float previous = 0.0;
-        float current = 1.0;
-        for (int j = 0; j < COEFFICIENTS; ++j) {
-            c[j >> 2][j & 3] += mean * current;
-            float next = ((2.0 * float(j) + 1.0) * t * current - float(j) * previous) / (float(j) + 1.0);
-            previous = current;
-            current = next;
-        }
-#endif
         depth += step_depth;
         from = exp(-depth);
     }
     for (int j = 0; j < COEFFICIENTS; ++j) {
-#if MAP_CURVE == CURVE_COSINE
         // The mean of the cosine over a step is its midpoint times sinc of half the phase across the step.
         float half_phase = 0.5 * PI * float(j) / count;
         c[j >> 2][j & 3] *= 2.0 / count * (j == 0 ? 1.0 : sin(half_phase) / half_phase);
-#else
-        c[j >> 2][j & 3] *= (2.0 * float(j) + 1.0) / count;
-#endif
     }
 }
 #endif
@@ -146,7 +129,7 @@ void main() {
     for (int i = 0; i < CURVE_VECTORS; ++i) c[i] = vec4(0.0);
     c[0].x = 2.0;  // the cosine series of 1
     float tail = 0.0;
-    float last_value = 1.0;
+    float total_depth = 0.0;
     vec2 stored_range = vec2(EMPTY, 2.0 * EMPTY);
 
     if (map_kind == MAP_OCTAHEDRAL) {
@@ -174,7 +157,7 @@ void main() {
         float total = 0.0;
 #if MAP_ADAPTIVE
         float first = -1.0;       // step with the first density
-        float start = -1.0;       // step before the one in which the curve begins to fall
+        float start = -1.0;       // a step before the curve begins to fall, in steps
         float start_depth = 0.0;
         float before = 0.0;       // total one step ago
         float last = 0.0;
@@ -185,8 +168,11 @@ void main() {
                 last = n + 1.0;
             }
             if (start < 0.0 && total + step_depth > begin_depth) {
-                start = max(n - 1.0, 0.0);
-                start_depth = before;
+                // Inside the step, so that neighbouring texels begin where a smooth front does, and not on steps.
+                float part = (begin_depth - total) / step_depth;
+                start = n + part - 1.0;
+                start_depth = mix(before, total, part);
+                if (start < 0.0) start = start_depth = 0.0;
             }
             if (total + step_depth >= end_depth) {
                 end = span.x + (n + (end_depth - total) / step_depth) * h;
@@ -220,20 +206,25 @@ void main() {
                 if (reach > 0.0) for (int n = 0; n < 3; ++n) sum += density(end + (float(n) + 0.5) * reach);
                 tail = stored * sum / 3.0 * length_;
             }
-            last_value = exp(-depth);
+            total_depth = depth;
             stored_range = vec2(begin, end) + offset;
         }
     }
 #if MAP_BYTES
     uint tail_code = tail > 0.0 ? uint(clamp((log2(tail) + TAIL_LEAST) / TAIL_STEP + 1.5, 1.0, 255.0)) : 0u;
-    uint end_code = uint(last_value * 65535.0 + 0.5);
+    uint end_code = uint(exp(-total_depth) * 65535.0 + 0.5);
     values0 = uvec4(floatBitsToUint(stored_range), bytes_at(c, 0), byte_at(c, 4) | tail_code << 8u | end_code << 16u);
 #if MAP_LAYERS > 1
     values1 = uvec4(bytes_at(c, 5), bytes_at(c, 9), byte_at(c, 13) | byte_at(c, 14) << 8u, 0u);
 #endif
 #else
     c[COEFFICIENTS >> 2][COEFFICIENTS & 3] = min(tail, 6e4);
-    c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3] = last_value;
+    c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3] =
+#if MAP_CURVE == CURVE_QUANTILE
+        total_depth;
+#else
+        exp(-total_depth);
+#endif
     range = stored_range;
     values0 = c[0];
 #if MAP_LAYERS > 1

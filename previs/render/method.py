@@ -12,9 +12,9 @@ from typing import Literal
 
 from ..settings import Settings
 
-Curve = Literal["cosine", "legendre", "quantile"]
+Curve = Literal["cosine", "quantile"]
 
-CURVE_NUMBERS: Mapping[Curve, int] = {"cosine": 0, "legendre": 1, "quantile": 2}
+CURVE_NUMBERS: Mapping[Curve, int] = {"cosine": 0, "quantile": 1}
 #: Transmittance at which an adaptive range ends when that is left to the plan [ATFM12].
 THRESHOLD = 0.01
 #: The same for a light inside a volume. All that is seen of it from outside has passed most of the medium, where
@@ -74,7 +74,7 @@ class Method:
     def layers(self, settings: Settings) -> int:
         """RGBA textures that its maps take besides that of the range, which packed texels do not have."""
         if self.packs_bytes(settings):
-            # A texel of four whole numbers holds the range, its end, the tail and five depths; another sixteen depths.
+            # A texel of four whole numbers holds the range, its end, the tail and five depths; another ten depths.
             return 1 if settings.coefficients <= 6 else 2
         # The values, then the tail's extinction and the transmittance at the range's end.
         return -(-(settings.coefficients + 2) // 4)
@@ -91,8 +91,7 @@ METHODS: Mapping[str, Method] = {
     for m in (
         Method("tfm", "cosine", True, 2.0, "coefficients", "adaptive range"),
         Method("tfm-plain", "cosine", False, 1.0, "coefficients", "full range"),
-        Method("legendre", "legendre", True, 1.0, "coefficients", "Legendre polynomials, adaptive range"),
-        Method("quantile", "quantile", True, 2.0, "depths", "quantiles of the transmittance"),
+        Method("quantile", "quantile", True, 1.25, "depths", "quantiles of the transmittance"),
         Method("march", None, False, 1.0, "", "brute force towards every light"),
     )
 }

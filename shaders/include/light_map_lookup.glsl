@@ -7,7 +7,7 @@ struct LightMap {
     mat4 to_map;       // point relative to the volume's centre -> (U, V, -, W)
     vec4 centre;       // relative to the render origin; w: MAP_*
     vec4 from_light;   // light -> centre, or the direction of travel; w: its length
-    vec4 tile;         // first texel x, y; z: exponent per unit of extinction; w: 0 when there is no map
+    vec4 tile;         // first texel x, y; z: exponent per unit of extinction
 };
 
 layout(std140) uniform LightMaps { LightMap light_maps[LIGHT_CAPACITY * VOLUME_COUNT]; };

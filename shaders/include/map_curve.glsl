@@ -1,9 +1,7 @@
-// The curve of a texel over its range, from the values stored: `map_curve(c, x, end)`, x in [0, 1];
-// `end` is the curve's value at 1. MAP_CURVE picks what the values are.
+// The curve of a texel over its range, from the values stored. MAP_CURVE picks what the values are.
 
 #define CURVE_COSINE 0
-#define CURVE_LEGENDRE 1
-#define CURVE_QUANTILE 2
+#define CURVE_QUANTILE 1
 
 #if MAP_BYTES
 #define CURVE_VECTORS 4
@@ -13,8 +11,8 @@
 
 #if MAP_CURVE == CURVE_COSINE
 
-// c_0/2 + sum_j c_j cos(j pi x) [TFM11 eq. 13], by Clenshaw's recurrence.
-float map_curve(vec4 c[CURVE_VECTORS], float x, float end) {
+// Stored transmittance at x in [0, 1] of the range: c_0/2 + sum_j c_j cos(j pi x) [TFM11], by Clenshaw's recurrence.
+float map_curve(vec4 c[CURVE_VECTORS], float x) {
     float twice = 2.0 * cos(3.14159265358979 * x);
     float b1 = 0.0;
     float b2 = 0.0;
@@ -26,64 +24,63 @@ float map_curve(vec4 c[CURVE_VECTORS], float x, float end) {
     return 0.5 * c[0].x + 0.5 * twice * b1 - b2;
 }
 
-#elif MAP_CURVE == CURVE_LEGENDRE
-
-// sum_j c_j P_j(2x - 1), by Clenshaw's recurrence with P_{j+1} = ((2j + 1) t P_j - j P_{j-1}) / (j + 1).
-float map_curve(vec4 c[CURVE_VECTORS], float x, float end) {
-    float t = 2.0 * x - 1.0;
-    float b1 = 0.0;
-    float b2 = 0.0;
-    for (int j = COEFFICIENTS - 1; j > 0; --j) {
-        float n = float(j);
-        float b0 = c[j >> 2][j & 3] + (2.0 * n + 1.0) / (n + 1.0) * t * b1 - (n + 1.0) / (n + 2.0) * b2;
-        b2 = b1;
-        b1 = b0;
-    }
-    return c[0].x + t * b1 - 0.5 * b2;
-}
-
 #else
 
-// Depth, as a part of the range, at which the curve crosses the i-th of COEFFICIENTS + 1 evenly spaced levels from 1 to its end.
-float quantile_depth(vec4 c[CURVE_VECTORS], int i) {
+// Where, as a part of the range, the curve crosses the i-th of COEFFICIENTS + 1 evenly spaced levels between 1 and its end.
+float quantile(vec4 c[CURVE_VECTORS], int i) {
     return i < COEFFICIENTS ? c[(i - 1) >> 2][(i - 1) & 3] : 1.0;
 }
 
-// Slope at a node between cells of widths a and b, for levels 1 apart: the weighted harmonic mean of Fritsch and Butland (1984).
-float node_slope(float a, float b) {
-    return 3.0 * (a + b) / (a * a + 4.0 * a * b + b * b);
+// Stored optical depth of a level.
+float level_depth(float level, float drop) {
+    return -log(max(1.0 - drop * level, 1e-30));
 }
 
-// Slope at the open end of a cell of width b whose neighbour has width a: that of the parabola through three nodes, kept monotone.
-float end_slope(float b, float a) {
-    return clamp(((2.0 * b + a) / b - b / a) / (a + b), 0.0, 3.0 / b);
+// Slope at the open end of a cell of width b and slope `rise` whose neighbour has width d and slope `beside`: that of the parabola
+// through three nodes, kept monotone.
+float end_slope(float b, float d, float rise, float beside) {
+    return clamp(((2.0 * b + d) * rise - b * beside) / (b + d), 0.0, 3.0 * rise);
 }
 
-// A monotone cubic through the nodes (Fritsch and Carlson 1980).
-float map_curve(vec4 c[CURVE_VECTORS], float x, float end) {
+// Slope at a node between two cells: the weighted harmonic mean of Fritsch and Butland (1984), which keeps the curve monotone.
+float node_slope(float a, float b, float rise_a, float rise_b) {
+    return 3.0 * (a + b) / ((2.0 * b + a) / rise_a + (b + 2.0 * a) / rise_b);
+}
+
+// Stored optical depth at x in [0, 1] of the range, whose whole is `total`: a monotone cubic through the nodes (Fritsch and
+// Carlson 1980). It is interpolated and not the transmittance because it is a straight line in a homogeneous medium.
+float map_depth(vec4 c[CURVE_VECTORS], float x, float total) {
     float za = 0.0;
     float zb = 0.0;
-    float zc = quantile_depth(c, 1);
-    float zd = quantile_depth(c, 2);
+    float zc = quantile(c, 1);
+    float zd = quantile(c, 2);
     float level = 0.0;
     for (int i = 1; i < COEFFICIENTS; ++i) {
-        if (x >= quantile_depth(c, i)) {
+        if (x >= quantile(c, i)) {
             za = zb;
             zb = zc;
             zc = zd;
-            zd = i + 2 <= COEFFICIENTS ? quantile_depth(c, i + 2) : 2.0;
+            zd = i + 2 <= COEFFICIENTS ? quantile(c, i + 2) : 2.0;
             level = float(i);
         }
     }
+    const float last = float(COEFFICIENTS);
     const float least = 1e-6;
     float a = max(zb - za, least);
     float b = max(zc - zb, least);
     float d = max(zd - zc, least);
-    float slope_b = level > 0.5 ? node_slope(a, b) : end_slope(b, d);
-    float slope_c = level < float(COEFFICIENTS) - 1.5 ? node_slope(b, d) : end_slope(b, a);
+    float drop = (1.0 - exp(-total)) / last;
+    float depth_b = level_depth(level, drop);
+    float depth_c = level > last - 1.5 ? total : level_depth(level + 1.0, drop);
+    float depth_d = level > last - 2.5 ? total : level_depth(level + 2.0, drop);
+    float rise_a = max(depth_b - level_depth(max(level - 1.0, 0.0), drop), least) / a;
+    float rise_b = max(depth_c - depth_b, least) / b;
+    float rise_d = max(depth_d - depth_c, least) / d;
+    float slope_b = level < 0.5 ? end_slope(b, d, rise_b, rise_d) : node_slope(a, b, rise_a, rise_b);
+    float slope_c = level > last - 1.5 ? end_slope(b, a, rise_b, rise_a) : node_slope(b, d, rise_b, rise_d);
     float t = clamp((x - zb) / b, 0.0, 1.0);
-    float fall = t * t * (3.0 - 2.0 * t) + b * t * (1.0 - t) * (slope_b * (1.0 - t) - slope_c * t);
-    return 1.0 - (1.0 - end) / float(COEFFICIENTS) * (level + fall);
+    float rest = 1.0 - t;
+    return depth_b + (depth_c - depth_b) * t * t * (3.0 - 2.0 * t) + b * t * rest * (slope_b * rest - slope_c * t);
 }
 
 #endif

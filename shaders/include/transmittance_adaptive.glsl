@@ -3,59 +3,38 @@
 
 #if MAP_BYTES
 
-float byte_of(uint word, int i) {
-    return float((word >> uint(8 * i)) & 255u) * (1.0 / 255.0);
-}
-
-float curve(ivec2 texel, float k) {
-    uvec4 head = texelFetch(map_values0, texel, 0);
-    vec2 range = uintBitsToFloat(head.xy);
-    float x = (k - range.x) / (range.y - range.x);
-    if (x <= 0.0) return 1.0;
-    float end = float(head.w >> 16u) * (1.0 / 65535.0);
-    uint code = (head.w >> 8u) & 255u;
-    if (x >= 1.0) return code == 0u ? end : end * exp(-exp2(float(code - 1u) * TAIL_STEP - TAIL_LEAST) * (x - 1.0));
-    // All depths in a row of vectors, as half floats would be.
-    vec4 c[4];
-    c[0] = vec4(byte_of(head.z, 0), byte_of(head.z, 1), byte_of(head.z, 2), byte_of(head.z, 3));
-    c[1] = vec4(byte_of(head.w, 0), 1.0, 1.0, 1.0);
-#if MAP_LAYERS > 1
-    uvec4 more = texelFetch(map_values1, texel, 0);
-    c[1].yzw = vec3(byte_of(more.x, 0), byte_of(more.x, 1), byte_of(more.x, 2));
-    c[2] = vec4(byte_of(more.x, 3), byte_of(more.y, 0), byte_of(more.y, 1), byte_of(more.y, 2));
-    c[3] = vec4(byte_of(more.y, 3), byte_of(more.z, 0), byte_of(more.z, 1), byte_of(more.z, 2));
-#endif
-    return clamp(map_curve(c, x, end), end, 1.0);
-}
-
 vec2 stored_range(ivec2 texel) {
     return uintBitsToFloat(texelFetch(map_values0, texel, 0).xy);
+}
+
+float byte_of(uint word, int i) {
+    return float((word >> uint(8 * i)) & 255u) * (1.0 / 255.0);
 }
 
 #else
 
 uniform sampler2D map_range;
 
-float curve(ivec2 texel, float k) {
-    vec2 range = texelFetch(map_range, texel, 0).xy;
-    float x = (k - range.x) / (range.y - range.x);
-    if (x <= 0.0) return 1.0;
-    vec4 c[MAP_LAYERS];
-    c[MAP_LAYERS - 1] =
+vec2 stored_range(ivec2 texel) {
+    return texelFetch(map_range, texel, 0).xy;
+}
+
+// What is stored at a texel; the vector that holds the tail and the end is read first, as the others often are not needed.
+vec4 last_vector(ivec2 texel) {
 #if MAP_LAYERS == 1
-        texelFetch(map_values0, texel, 0);
+    return texelFetch(map_values0, texel, 0);
 #elif MAP_LAYERS == 2
-        texelFetch(map_values1, texel, 0);
+    return texelFetch(map_values1, texel, 0);
 #elif MAP_LAYERS == 3
-        texelFetch(map_values2, texel, 0);
+    return texelFetch(map_values2, texel, 0);
 #elif MAP_LAYERS == 4
-        texelFetch(map_values3, texel, 0);
+    return texelFetch(map_values3, texel, 0);
 #else
-        texelFetch(map_values4, texel, 0);
+    return texelFetch(map_values4, texel, 0);
 #endif
-    float tail = c[COEFFICIENTS >> 2][COEFFICIENTS & 3];
-    float end = c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3];
-    if (x >= 1.0) return end * exp(-tail * (x - 1.0));
+}
+
+void other_vectors(ivec2 texel, inout vec4 c[MAP_LAYERS]) {
 #if MAP_LAYERS > 1
     c[0] = texelFetch(map_values0, texel, 0);
 #endif
@@ -68,12 +47,68 @@ float curve(ivec2 texel, float k) {
 #if MAP_LAYERS > 4
     c[3] = texelFetch(map_values3, texel, 0);
 #endif
-    // A transmittance never rises: inside the range it lies between 1 and its value at the end.
-    return clamp(map_curve(c, x, end), end, 1.0);
 }
 
-vec2 stored_range(ivec2 texel) {
-    return texelFetch(map_range, texel, 0).xy;
+#endif
+
+#if MAP_CURVE == CURVE_QUANTILE
+
+// Stored optical depth at a distance k along the light's ray.
+float depth_at(ivec2 texel, float k) {
+    vec2 range = stored_range(texel);
+    float x = (k - range.x) / (range.y - range.x);
+    if (x <= 0.0) return 0.0;
+    vec4 c[CURVE_VECTORS];
+#if MAP_BYTES
+    uvec4 head = texelFetch(map_values0, texel, 0);
+    float total = -log(max(float(head.w >> 16u), 0.5) * (1.0 / 65535.0));
+    uint code = (head.w >> 8u) & 255u;
+    if (x >= 1.0) return code == 0u ? total : total + exp2(float(code - 1u) * TAIL_STEP - TAIL_LEAST) * (x - 1.0);
+    c[0] = vec4(byte_of(head.z, 0), byte_of(head.z, 1), byte_of(head.z, 2), byte_of(head.z, 3));
+    c[1] = vec4(byte_of(head.w, 0), 1.0, 1.0, 1.0);
+#if MAP_LAYERS > 1
+    uvec4 more = texelFetch(map_values1, texel, 0);
+    c[1].yzw = vec3(byte_of(more.x, 0), byte_of(more.x, 1), byte_of(more.x, 2));
+    c[2] = vec4(byte_of(more.x, 3), byte_of(more.y, 0), byte_of(more.y, 1), byte_of(more.y, 2));
+    c[3] = vec4(byte_of(more.y, 3), byte_of(more.z, 0), byte_of(more.z, 1), byte_of(more.z, 2));
+#endif
+#else
+    c[MAP_LAYERS - 1] = last_vector(texel);
+    float tail = c[COEFFICIENTS >> 2][COEFFICIENTS & 3];
+    float total = c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3];
+    if (x >= 1.0) return total + tail * (x - 1.0);
+    other_vectors(texel, c);
+#endif
+    return map_depth(c, x, total);
+}
+
+vec3 texel_transmittance(ivec2 texel, float k, vec3 exponent) {
+#if CHROMATIC
+    return exp(-exponent * depth_at(texel, k));
+#else
+    return vec3(exp(-exponent.r * depth_at(texel, k)));
+#endif
+}
+
+#else
+
+// Stored transmittance at a distance k along the light's ray.
+float curve(ivec2 texel, float k) {
+    vec2 range = stored_range(texel);
+    float x = (k - range.x) / (range.y - range.x);
+    if (x <= 0.0) return 1.0;
+    vec4 c[MAP_LAYERS];
+    c[MAP_LAYERS - 1] = last_vector(texel);
+    float tail = c[COEFFICIENTS >> 2][COEFFICIENTS & 3];
+    float end = c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3];
+    if (x >= 1.0) return end * exp(-tail * (x - 1.0));
+    other_vectors(texel, c);
+    // A transmittance never rises: inside the range it lies between 1 and its value at the end.
+    return clamp(map_curve(c, x), end, 1.0);
+}
+
+vec3 texel_transmittance(ivec2 texel, float k, vec3 exponent) {
+    return raised(curve(texel, k), exponent);
 }
 
 #endif
@@ -120,16 +155,16 @@ vec3 grid_transmittance(int i, int v, vec3 position, vec3 travel) {
     p -= 0.5;
     ivec2 corner = ivec2(floor(p));
     vec2 f = p - vec2(corner);
-    vec3 row0 = mix(raised(curve(map_texel(m, corner), k), exponent),
-                    raised(curve(map_texel(m, corner + ivec2(1, 0)), k), exponent), f.x);
-    vec3 row1 = mix(raised(curve(map_texel(m, corner + ivec2(0, 1)), k), exponent),
-                    raised(curve(map_texel(m, corner + ivec2(1, 1)), k), exponent), f.x);
+    vec3 row0 = mix(texel_transmittance(map_texel(m, corner), k, exponent),
+                    texel_transmittance(map_texel(m, corner + ivec2(1, 0)), k, exponent), f.x);
+    vec3 row1 = mix(texel_transmittance(map_texel(m, corner + ivec2(0, 1)), k, exponent),
+                    texel_transmittance(map_texel(m, corner + ivec2(1, 1)), k, exponent), f.x);
     return mix(row0, row1, f.y);
 #else
 #if MAP_FILTER == FILTER_STOCHASTIC
     // The texel in which a point falls that is moved by up to half a texel at random is one of the four neighbours, by its weight.
     p += random_pair(position) - 0.5;
 #endif
-    return raised(curve(map_texel(m, ivec2(floor(p))), k), exponent);
+    return texel_transmittance(map_texel(m, ivec2(floor(p))), k, exponent);
 #endif
 }

@@ -29,5 +29,5 @@ vec3 grid_transmittance(int i, int v, vec3 position, vec3 travel) {
 #if MAP_LAYERS > 4
     c[4] = texture(map_values4, texel);
 #endif
-    return raised(clamp(map_curve(c, x, 0.0), 0.0, 1.0), volumes[v].strength.rgb * light_maps[m].tile.z);
+    return raised(clamp(map_curve(c, x), 0.0, 1.0), volumes[v].strength.rgb * light_maps[m].tile.z);
 }
