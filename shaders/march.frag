@@ -1,7 +1,7 @@
 // Single scattering along a view ray, front to back [TFM11 eq. 4]:
 //   L = int T(0, t) [ sum_v sigma_s,v (sum_lights p_v L_i V T_light + ambient) + sigma_a,v L_e,v ] dt
 // Steps end on the bounds of the volumes and on the surface. Density is read at their ends and middle and integrated by Simpson's rule;
-// the exponential is taken analytically, and the light evaluated where the step's extinction has its centroid. A step of more than DEEP_STEP optical depth
+// the exponential is taken analytically, and the light evaluated where the step's extinction has its centroid. An optically deep step
 // is cut into several, so that the front of a dense medium is resolved however few steps a ray takes.
 
 #include "include/phase.glsl"
@@ -30,7 +30,12 @@ uniform int projective_minimum;  // steps that a ray takes through the cone at t
 #endif
 uniform bool first_batch;
 
-const float DEEP_STEP = 0.5;
+// Optical depth from which a step is cut. At the front of a dense medium the parts are finer, in proportion to the depth behind the
+// front, because light that grazes it fades within a small part of the depth that the view does.
+const float DEEP_STEP = 0.25;
+const float FINEST_PART = 0.04;
+const float DEEPEST_PART = 0.5;
+const float PART_OF_DEPTH = 0.3;
 uniform int most_cuts;  // in one draw
 int cuts = 0;
 
@@ -47,6 +52,7 @@ uniform sampler2D previous_emission;
 #endif
 
 Ray ray;
+vec3 optical_depth = vec3(0.0);  // summed, and not the transmittance multiplied, so that a thin medium keeps its digits
 vec3 transmittance = vec3(1.0);
 vec3 scattered = vec3(0.0);
 vec3 emitted = vec3(0.0);
@@ -121,12 +127,10 @@ float visible_extinction(float density[VOLUME_COUNT]) {
     return strongest(extinction * vec3(greaterThan(transmittance, vec3(max(opacity_cutoff, 1e-7)))));
 }
 
-// What lies between s0 and s1, where the volumes have the densities `from` and `to`.
-void march_step(float s0, float s1, bool inside[VOLUME_COUNT], float from[VOLUME_COUNT], float to[VOLUME_COUNT], bool lit) {
+// What lies between s0 and s1, where the volumes have the densities `from`, half way `between`, and `to`.
+void march_step(float s0, float s1, float from[VOLUME_COUNT], float between[VOLUME_COUNT], float to[VOLUME_COUNT], bool lit) {
     float h = s1 - s0;
     vec3 middle = ray.anchor + (0.5 * (s0 + s1)) * ray.direction;
-    float between[VOLUME_COUNT];
-    densities_at(0.5 * (s0 + s1), inside, between);
     vec3 extinction = vec3(0.0);
     vec3 rise = vec3(0.0);
     vec3 scattering[VOLUME_COUNT];
@@ -181,38 +185,51 @@ void march_step(float s0, float s1, bool inside[VOLUME_COUNT], float from[VOLUME
 #endif
 #if CHROMATIC
     vec3 mean = mean_transmittance(depth);
-    vec3 passed = exp(-depth);
 #else
     vec3 mean = vec3(mean_transmittance(depth.r));
-    vec3 passed = vec3(exp(-depth.r));
 #endif
     vec3 weight = transmittance * mean * h;
     scattered += source * weight;
 #if HAS_EMISSION
     emitted += glow * weight;
 #endif
-    transmittance *= passed;
+    optical_depth += depth;
+#if CHROMATIC
+    transmittance = exp(-optical_depth);
+#else
+    transmittance = vec3(exp(-optical_depth.r));
+#endif
 }
 
 // A step that is cut where it is deep. `density` is that at s0, and becomes that at s1.
 void march_between(float s0, float s1, bool inside[VOLUME_COUNT], inout float density[VOLUME_COUNT], bool lit) {
     float last[VOLUME_COUNT];
     densities_at(s1, inside, last);
-    float extinction1 = visible_extinction(last);
     for (;;) {
         float rest = s1 - s0;
-        float extinction0 = visible_extinction(density);
         float next = s1;
-        if (0.5 * (extinction0 + extinction1) * rest > DEEP_STEP && cuts < most_cuts) {
-            // Where a linear extinction has summed to DEEP_STEP.
-            float square = extinction0 * extinction0 + 2.0 * DEEP_STEP * (extinction1 - extinction0) / rest;
-            float part = 2.0 * DEEP_STEP / (extinction0 + sqrt(max(square, 0.0)));
-            if (part < 0.75 * rest) next = s0 + part;
+        float between[VOLUME_COUNT];
+        densities_at(0.5 * (s0 + s1), inside, between);
+        float extinction0 = visible_extinction(density);
+        float extinction1 = visible_extinction(between);
+        if ((extinction0 + 4.0 * extinction1 + visible_extinction(last)) * rest > 6.0 * DEEP_STEP && cuts < most_cuts) {
+            // Where an extinction that is linear to the middle has summed to as much as a part may have.
+            float depth = clamp(PART_OF_DEPTH * -log(strongest(transmittance)), FINEST_PART, DEEPEST_PART);
+            float square = extinction0 * extinction0 + 4.0 * depth * (extinction1 - extinction0) / rest;
+            float root = extinction0 + sqrt(max(square, 0.0));
+            float part = root > 0.0 ? 2.0 * depth / root : 0.5 * rest;
+            part = square < 0.0 ? 0.5 * rest : min(part, 0.5 * rest);
+            next = s0 + part;
             ++cuts;
         }
         float there[VOLUME_COUNT];
-        if (next < s1) densities_at(next, inside, there); else there = last;
-        march_step(s0, next, inside, density, there, lit);
+        if (next < s1) {
+            densities_at(0.5 * (s0 + next), inside, between);
+            densities_at(next, inside, there);
+        } else {
+            there = last;
+        }
+        march_step(s0, next, density, between, there, lit);
         density = there;
         s0 = next;
         if (s0 >= s1 || is_opaque()) break;
@@ -250,7 +267,10 @@ void main() {
 #endif
     }
     // Every batch of lights marches from the front again.
-    if (!first_slice) transmittance = texelFetch(previous_transmittance, pixel, 0).rgb;
+    if (!first_slice) {
+        transmittance = texelFetch(previous_transmittance, pixel, 0).rgb;
+        optical_depth = -log(max(transmittance, 1e-38));
+    }
 #endif
     bool inside[VOLUME_COUNT];
     float density[VOLUME_COUNT];  // where the next step begins
