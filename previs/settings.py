@@ -89,9 +89,9 @@ _TRUTH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false":
 TABLE: tuple[Setting, ...] = (
     Setting(
         "transmittance",
-        "tfm",
-        "How light is attenuated on its way into the media: tfm, adaptive transmittance function maps [ATFM12]; "
-        "tfm-plain, the maps of [TFM11]; quantile, maps of the depths at which the transmittance crosses fixed levels; "
+        "quantile",
+        "How light is attenuated on its way into the media: quantile, maps of the depths at which the transmittance "
+        "crosses fixed levels; tfm, adaptive transmittance function maps [ATFM12]; tfm-plain, the maps of [TFM11]; "
         "march, a brute-force march towards every light.",
         ("transmittance_map", "surface", "march"),
         choices=("quantile", "tfm", "tfm-plain", "march"),
