@@ -19,6 +19,7 @@ from .description import Camera, SceneDescription, framing_camera
 from .errors import PrevisError
 from .image import Image
 from .index import RenderIndex
+from .render.choosing import render_within
 from .render.measure import ErrorMeter
 from .render.renderer import Renderer
 from .scene import Scene
@@ -101,6 +102,7 @@ def render(
     time: float | None = None,
     progress: Callable[[float], None] | None = None,
     measure_error: bool = False,
+    max_error: float | None = None,
     **settings: Any,
 ) -> Image:
     """Render a scene.
@@ -113,6 +115,9 @@ def render(
         progress: called with the done part of the frame in [0, 1].
         measure_error: whether to estimate how far the picture is from the truth, from `error_pixels` of its pixels: the
             `error` of the picture.
+        max_error: choose the cheapest settings whose mean relative error, the upper end of its 95 % interval, is no
+            more than this; knobs that are given keep their values. The picture's stats say under ``choice`` what was
+            chosen and whether the limit was met; where it was not, the picture is the best that was found.
         **settings: any knob of `previs.settings.TABLE`, e.g. ``coefficients=14``; the others are as the stage says.
 
     Returns:
@@ -124,9 +129,11 @@ def render(
     """
     # Said before anything is opened.
     Settings(**settings)
+    if max_error is not None and not max_error > 0.0:
+        raise ValueError(f"max_error: {max_error!r} is not a number above 0")
     if not isinstance(scene, Scene):
         with open(scene) as opened:
-            return render(opened, camera, size, time, progress, measure_error, **settings)
+            return render(opened, camera, size, time, progress, measure_error, max_error, **settings)
     with _shared.lock:
         values = Settings(**scene.settings(settings))
         description = scene.describe(time)
@@ -136,6 +143,11 @@ def render(
             raise PrevisError(f"image of {pixels[0]}×{pixels[1]} pixels: both must be 1 or more")
         renderer, index = _shared.take(scene)
         index.update(description)
+        if max_error is not None:
+            image, _ = render_within(
+                renderer, index, chosen, pixels, values, max_error, fixed=settings, progress=progress
+            )
+            return image
         image = renderer.render(index, chosen, pixels, values, progress)
         if not measure_error:
             return image

@@ -281,7 +281,7 @@ def estimate_error(
     for name, values in (("picture", color), ("march", same_steps), ("truth", truth)):
         if bad := np.count_nonzero(~np.isfinite(values)):
             raise ValueError(f"{bad} values of the {name} are not finite")
-    scale = _Scale(color, sample, truth)
+    scale = ErrorScale(color, sample, truth)
     parts = [scale.part(a - b) for a, b in ((found, truth), (found, same_steps), (same_steps, truth))]
     whole = parts[0]
     return ErrorEstimate(
@@ -298,9 +298,15 @@ def estimate_error(
     )
 
 
-class _Scale:
+class ErrorScale:
     """What errors are relative to: the lit values of the truth, their sum and its peak. They are all but known from the
-    picture itself, and corrected by what the better pixels differ from it, and the truth from these."""
+    picture itself, and corrected by what the better pixels differ from it, and the truth from these.
+
+    Args:
+        color: (H, W, 3) the picture.
+        sample: pixels of it.
+        truth: (N, 3) what these are.
+    """
 
     def __init__(self, color: np.ndarray, sample: PixelSample, truth: np.ndarray) -> None:
         self._sample = sample

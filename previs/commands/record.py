@@ -47,6 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=None,
         help="estimate the error of every frame from pixels drawn again by brute force (default: with --stats)",
     )
+    parser.add_argument(
+        "--max-error",
+        type=_limit,
+        metavar="E",
+        help="choose the cheapest settings whose mean relative error, upper end of its 95 %% interval, is at most "
+        "E, as 0.01; knobs that are given keep their values",
+    )
     parser.add_argument("--cameraLight", action="store_true", help="add a light that shines along the view")
     parser.add_argument(
         "--disableCameraLight", action="store_true", help="accepted; there is no camera light by default"
@@ -67,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise ValueError(f"{arguments.output}: {len(frames)} frames need a ### in the name for the frame number")
         if arguments.frames is None and has_placeholder(arguments.output):
             raise ValueError(f"{arguments.output}: has a place for the frame number; say which frames with --frames")
+        if arguments.max_error is not None and arguments.reference:
+            raise ValueError("--max-error chooses settings and --reference gives them; take one")
         if len({frame_path(arguments.output, frame) for frame in frames if frame is not None}) < len(frames) > 1:
             raise ValueError(f"{arguments.output}: several frames would have one name; write ###.### for decimals")
     except ValueError as error:
@@ -78,6 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         if file is not None and not Path(file).parent.is_dir():
             raise PrevisError(f"{file}: there is no folder {Path(file).parent}")
     from ..index import RenderIndex
+    from ..render.choosing import render_within
     from ..render.measure import ErrorMeter
     from ..render.renderer import Renderer
 
@@ -93,6 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
         settings = Settings(**scene.settings(explicit))
         index = RenderIndex()
         default_time = float("nan") if arguments.defaultTime else None
+        previous = None
         for number, frame in enumerate(frames):
             output = arguments.output if frame is None else frame_path(arguments.output, frame)
             try:
@@ -104,9 +115,17 @@ def run(arguments: argparse.Namespace) -> int:
                     description = with_camera_light(description, camera)
                 index.update(description)
                 chosen = _reference(settings, description) if arguments.reference else settings
-                image = renderer.render(index, camera, size, chosen, _progress(number, len(frames), frame))
-                unmeasured = None
-                if measures:
+                progress = _progress(number, len(frames), frame)
+                unmeasured = choice = None
+                if arguments.max_error is not None:
+                    limit = arguments.max_error
+                    image, choice = render_within(
+                        renderer, index, camera, size, chosen, limit, explicit, number, progress, previous
+                    )
+                    previous = choice.settings if choice.met else None
+                else:
+                    image = renderer.render(index, camera, size, chosen, progress)
+                if measures and choice is None:
                     try:
                         image = image.with_error(meter.measure(index, camera, image, chosen, number))
                     except PrevisError as error:
@@ -125,6 +144,7 @@ def run(arguments: argparse.Namespace) -> int:
             _clear_line()
             notes = list(image.stats["notes"]) + _light_notes(description)
             notes += [unmeasured] if unmeasured is not None else []
+            notes += [str(choice)] if choice is not None and not choice.met else []
             for note in notes:
                 if note not in said:
                     said.add(note)
@@ -135,6 +155,8 @@ def run(arguments: argparse.Namespace) -> int:
                 print(f"Recording time code: {frame:.4f}  {output}  {seconds:.2f} s{error}", flush=True)
             elif image.error is not None:
                 print(f"{output}: {image.error}", flush=True)
+            if choice is not None and choice.met:
+                print(f"{output}: {choice}", flush=True)
             stats = {k: v for k, v in image.stats.items() if k != "notes"}
             total = {
                 "frame": frame,
@@ -179,6 +201,16 @@ def _over_dome(image, description):
     transmittance = image.aovs.get("transmittance", np.ones_like(image.color))
     open_sky = np.isinf(image.depth)[..., None] * transmittance
     return replace(image, color=(image.color + open_sky * radiance).astype(np.float32))
+
+
+def _limit(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text} is not a number above 0")
+    return value
+
+
+_limit.__name__ = "number"
 
 
 def _exposure(text: str) -> float | str:

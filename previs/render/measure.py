@@ -32,10 +32,10 @@ def converged(settings: Settings, volumes: list[Volume]) -> Settings:
     """The settings that the truth is drawn with: light by brute force, steps so fine that more would change nothing."""
     steps = max([CONVERGED_STEPS, *(CONVERGED_FACTOR * steps_across(v, 0) for v in volumes), settings.steps])
     cutoff = min(settings.opacity_cutoff, CONVERGED_CUTOFF)
-    return _brute_force(settings, volumes).replace(steps=_possible("steps", steps), opacity_cutoff=cutoff)
+    return brute_force(settings, volumes).replace(steps=_possible("steps", steps), opacity_cutoff=cutoff)
 
 
-def _brute_force(settings: Settings, volumes: list[Volume]) -> Settings:
+def brute_force(settings: Settings, volumes: list[Volume]) -> Settings:
     """The settings, with light marched by brute force."""
     found = settings.replace(transmittance="march", light_steps=0)
     grids = [v for v in volumes if v.density is not None]
@@ -132,25 +132,34 @@ class ErrorMeter:
             raise PrevisError(f"{bad} values of the picture are not finite, so its error cannot be measured")
         clock = _Clock()
         volumes = [entry.record for entry in index.volumes.values()]
-        count = settings.error_pixels
-        clock.start()
-        shown = np.isfinite(image.depth)
-        if (transmittance := image.aovs.get("transmittance")) is not None:
-            shown = shown | (transmittance < 1.0).any(axis=2)
-        sample = choose_pixels(image.color, shown, FIRST_PHASE * count, seed)
-        clock.stop()
-        first = 0.0
-        if count < len(sample):
-            work = self._better(index, camera, image, settings, volumes, sample, piece_seconds)
-            better = yield from clock.timed(work, 0.0, first := 0.4)
-            sample = choose_again(image.color, sample, better, count, seed)
+        sample = yield from clock.timed(self.choosing(index, camera, image, settings, seed, piece_seconds), 0.0, 0.4)
         truth = converged(settings, volumes)
-        same_steps = _brute_force(settings, volumes)
-        work = self._pixels(index, camera, image.size, (same_steps, truth), sample, piece_seconds)
-        pair = yield from clock.timed(work, first, 1.0)
+        same_steps = brute_force(settings, volumes)
+        work = self.drawing(index, camera, image.size, (same_steps, truth), sample, piece_seconds)
+        pair = yield from clock.timed(work, 0.4, 1.0)
         return estimate_error(
             image.color, sample, *pair, steps=truth.steps, light_steps=truth.light_steps, seconds=clock.seconds
         )
+
+    def choosing(
+        self,
+        index: RenderIndex,
+        camera: Camera,
+        image: Image,
+        settings: Settings,
+        seed: int = 0,
+        piece_seconds: float | None = None,
+    ) -> Generator[float, None, PixelSample]:
+        """Choose the pixels to look at; the arguments are those of `measuring`."""
+        shown = np.isfinite(image.depth)
+        if (transmittance := image.aovs.get("transmittance")) is not None:
+            shown = shown | (transmittance < 1.0).any(axis=2)
+        sample = choose_pixels(image.color, shown, FIRST_PHASE * settings.error_pixels, seed)
+        if settings.error_pixels < len(sample):
+            better = yield from self._better(index, camera, image, settings, sample, piece_seconds)
+            sample = choose_again(image.color, sample, better, settings.error_pixels, seed)
+        yield 1.0
+        return sample
 
     def _better(
         self,
@@ -158,7 +167,6 @@ class ErrorMeter:
         camera: Camera,
         image: Image,
         settings: Settings,
-        volumes: list[Volume],
         sample: PixelSample,
         piece_seconds: float | None,
     ) -> Generator[float, None, np.ndarray]:
@@ -166,25 +174,26 @@ class ErrorMeter:
 
         Where the picture has light by brute force, maps would not be nearer: it is corrected by what the steps change.
         """
+        volumes = [entry.record for entry in index.volumes.values()]
         automatic = {name: 0 for name in ("map_size", "threshold", "density_weighting", "light_steps")}
         same = settings.replace(**GUESS, **automatic)
         steps = max((steps_across(v, settings.steps) for v in volumes), default=1)
         finer = same.replace(steps=_possible("steps", GUESS_STEPS * steps))
         kinds = (finer,) if method_of(settings).has_maps else (same, finer)
-        drawn = yield from self._pixels(index, camera, image.size, kinds, sample, piece_seconds)
+        drawn = yield from self.drawing(index, camera, image.size, kinds, sample, piece_seconds)
         if len(kinds) == 1:
             return drawn[0]
         found = image.color[sample.rows, sample.columns]
         return np.maximum(found + (drawn[1] - drawn[0]), 0.0)
 
-    def _pixels(
+    def drawing(
         self,
         index: RenderIndex,
         camera: Camera,
         size: tuple[int, int],
         kinds: tuple[Settings, ...],
         sample: PixelSample,
-        piece_seconds: float | None,
+        piece_seconds: float | None = None,
     ) -> Generator[float, None, list[np.ndarray]]:
         """Pixels as each of several settings draws them, (N, 3) each, averaged over the samples of a pixel."""
         pixels = ScatteredPixels(sample.rows, sample.columns)

@@ -48,3 +48,36 @@ def test_it_can_be_asked_for_and_turned_off(run, stages, tmp_path):
     )
     assert result.returncode == 0 and result.stdout == ""
     assert "measured_error" not in json.loads(stats.read_text())["frames"][0]
+
+
+def test_settings_for_a_limit_of_the_error(run, stages, tmp_path):
+    """What was chosen is printed and stored; a knob that is given stays."""
+    stats = tmp_path / "a.json"
+    asked = ("-w", WIDTH, "--max-error", "0.03", "--coefficients", "8", "--set", "error_pixels=64", "--stats", stats)
+    result = run("record", stages / "smoke.usda", tmp_path / "a.exr", *asked)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "mean error below 3 % with " in result.stdout
+    [frame] = json.loads(stats.read_text())["frames"]
+    assert frame["choice"]["met"] and "coefficients" not in frame["choice"]["knobs"]
+    assert frame["settings"]["coefficients"] == 8
+    assert frame["measured_error"]["mean_relative_error"]["high"] <= 0.03
+
+
+def test_a_limit_that_cannot_be_met_is_a_warning(run, stages, tmp_path):
+    fixed = ("--transmittance", "tfm-plain", "--steps", "4", "--map-size", "8", "--coefficients", "2")
+    result = run("record", stages / "smoke.usda", tmp_path / "a.png", "-w", WIDTH, "--max-error", "1e-6", *fixed)
+    assert result.returncode == 0 and (tmp_path / "a.png").exists()
+    assert result.stderr.startswith("warning: no settings found for a mean error below 0.0001 %")
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (("--max-error", "0"), "above 0"),
+        (("--max-error", "x"), "number"),
+        (("--max-error", "1", "--reference"), "take one"),
+    ],
+)
+def test_wrong_limits(run, stages, tmp_path, asked, said):
+    result = run("record", stages / "smoke.usda", tmp_path / "a.png", *asked)
+    assert result.returncode == 2 and said in result.stderr
