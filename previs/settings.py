@@ -152,7 +152,7 @@ TABLE: tuple[Setting, ...] = (
     Setting(
         "density_weighting",
         0.0,
-        "Exponent alpha of [TFM11] section 6.2: maps hold T^(1/alpha). 0 takes 1.25 for quantile, 2 for "
+        "Exponent alpha of [TFM11] section 6.2: maps hold T^(1/alpha). 0 takes 1.5 for quantile, 2 for "
         "tfm, 1 for tfm-plain; for the first two more where a light is inside the volume or channels differ more.",
         ("transmittance_map",),
         minimum=1.0,
@@ -166,13 +166,6 @@ TABLE: tuple[Setting, ...] = (
         "stochastic takes one of them at random, by how near it is; nearest takes the nearest.",
         ("surface", "march"),
         choices=("blend", "stochastic", "nearest"),
-    ),
-    Setting(
-        "map_storage",
-        "half",
-        "How quantile stores its depths: half floats, or a byte each, packed with the range into one texel.",
-        ("transmittance_map", "surface", "march"),
-        choices=("half", "byte"),
     ),
     Setting(
         "shadow_map_size",

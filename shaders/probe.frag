@@ -24,7 +24,7 @@ void main() {
         vec3 y = position - light_maps[map_volume].centre.xyz;
         vec2 coordinate;
         if (map_coordinate(map_volume, y, coordinate)) {
-            vec2 range = stored_range(map_texel(map_volume, ivec2(coordinate * map_size)));
+            vec2 range = stored_range(map_texel(map_volume, ivec2(coordinate * map_size))).xy;
             float k = distance_along_light(int(light_maps[map_volume].centre.w), y, light_maps[map_volume].from_light);
             if (range.x < 1e29) out_range = vec4(range + s - k, 1.0, 0.0);
         }

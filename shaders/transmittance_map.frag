@@ -14,12 +14,6 @@ const float EMPTY = 1e30;
 
 in vec2 uv;
 
-#if MAP_BYTES
-layout(location = 0) out uvec4 values0;
-#if MAP_LAYERS > 1
-layout(location = 1) out uvec4 values1;
-#endif
-#else
 layout(location = 0) out vec4 values0;
 #if MAP_LAYERS > 1
 layout(location = 1) out vec4 values1;
@@ -33,8 +27,7 @@ layout(location = 3) out vec4 values3;
 #if MAP_LAYERS > 4
 layout(location = 4) out vec4 values4;
 #endif
-layout(location = MAP_LAYERS) out vec2 range;
-#endif
+layout(location = MAP_LAYERS) out vec4 range;
 
 uniform sampler3D density_atlas;
 uniform mat4 centre_to_box;  // point relative to the volume's centre -> unit cube
@@ -48,8 +41,17 @@ uniform float stored;        // extinction per unit of density at which the curv
 uniform float end_depth;     // stored optical depth at which the adaptive range ends
 uniform float begin_depth;   // stored optical depth that the start of the range may leave out
 uniform float step_length;
+uniform bool stretched;      // whether levels are of exp(-sqrt(depth))
 
 vec3 origin, direction;
+
+// The longest part without density between the first and the last: where it begins, and how long it is. Marches in the range leave it out.
+float gap_begin = EMPTY;
+float gap_length = 0.0;
+
+float past_gap(float s) {
+    return s > gap_begin ? s + gap_length : s;
+}
 
 float density(float s) {
     vec3 box = clamp((centre_to_box * vec4(origin + s * direction, 1.0)).xyz, 0.0, 1.0);
@@ -69,30 +71,30 @@ vec2 bounds_interval() {
 
 #if MAP_CURVE == CURVE_QUANTILE
 // Depths, as parts of the range, at which the curve crosses the levels; `total` is the stored optical depth at its end.
-void project(inout vec4 c[CURVE_VECTORS], float begin, float h, float count, float depth, float total) {
-    for (int i = 0; i < CURVE_VECTORS; ++i) c[i] = vec4(1.0);
-    float drop = (1.0 - exp(-total)) / float(COEFFICIENTS);
-    float level = drop;
-    float wanted = -log(1.0 - level);
+void project(inout vec4 c[MAP_LAYERS], float begin, float h, float count, float depth, float total) {
+    for (int i = 0; i < MAP_LAYERS; ++i) c[i] = vec4(1.0);
+    float drop = (1.0 - curve_level(total, stretched)) / float(COEFFICIENTS);
+    float level = 1.0 - drop;
+    float wanted = level_depth(level, stretched);
     int next = 0;
     for (float n = 0.0; n < count && next < COEFFICIENTS - 1; n += 1.0) {
-        float step_depth = stored * density(begin + (n + 0.5) * h) * h;
+        float step_depth = stored * density(past_gap(begin + (n + 0.5) * h)) * h;
         while (next < COEFFICIENTS - 1 && depth + step_depth >= wanted) {
             c[next >> 2][next & 3] = (n + clamp((wanted - depth) / step_depth, 0.0, 1.0)) / count;
             ++next;
-            level += drop;
-            wanted = -log(max(1.0 - level, 1e-30));
+            level -= drop;
+            wanted = level_depth(level, stretched);
         }
         depth += step_depth;
     }
 }
 #else
 // Coefficients of the curve; `depth` becomes the stored optical depth at its end.
-void project(inout vec4 c[CURVE_VECTORS], float begin, float h, float count, inout float depth) {
-    for (int i = 0; i < CURVE_VECTORS; ++i) c[i] = vec4(0.0);
+void project(inout vec4 c[MAP_LAYERS], float begin, float h, float count, inout float depth) {
+    for (int i = 0; i < MAP_LAYERS; ++i) c[i] = vec4(0.0);
     float from = exp(-depth);
     for (float n = 0.0; n < count; n += 1.0) {
-        float step_depth = stored * density(begin + (n + 0.5) * h) * h;
+        float step_depth = stored * density(past_gap(begin + (n + 0.5) * h)) * h;
         float mean = from * mean_transmittance(step_depth);
         float twice = 2.0 * cos(PI * (n + 0.5) / count);
         float previous = 0.5 * twice;  // cos of -theta, then Chebyshev: cos((j+1)t) = 2 cos t cos(jt) - cos((j-1)t)
@@ -114,23 +116,13 @@ void project(inout vec4 c[CURVE_VECTORS], float begin, float h, float count, ino
 }
 #endif
 
-#if MAP_BYTES
-uint byte_at(vec4 c[CURVE_VECTORS], int j) {
-    return j < COEFFICIENTS - 1 ? uint(clamp(c[j >> 2][j & 3], 0.0, 1.0) * 255.0 + 0.5) : 255u;
-}
-
-uint bytes_at(vec4 c[CURVE_VECTORS], int j) {
-    return byte_at(c, j) | byte_at(c, j + 1) << 8u | byte_at(c, j + 2) << 16u | byte_at(c, j + 3) << 24u;
-}
-#endif
-
 void main() {
-    vec4 c[CURVE_VECTORS];
-    for (int i = 0; i < CURVE_VECTORS; ++i) c[i] = vec4(0.0);
+    vec4 c[MAP_LAYERS];
+    for (int i = 0; i < MAP_LAYERS; ++i) c[i] = vec4(0.0);
     c[0].x = 2.0;  // the cosine series of 1
     float tail = 0.0;
     float total_depth = 0.0;
-    vec2 stored_range = vec2(EMPTY, 2.0 * EMPTY);
+    vec4 stored_range = vec4(EMPTY, 2.0 * EMPTY, EMPTY, 0.0);
 
     if (map_kind == MAP_OCTAHEDRAL) {
         origin = -from_light.xyz;
@@ -161,10 +153,16 @@ void main() {
         float start_depth = 0.0;
         float before = 0.0;       // total one step ago
         float last = 0.0;
+        float longest = 0.0;      // steps of the longest gap
+        float gap_first = 0.0;
         for (float n = 0.0; n < count; n += 1.0) {
             float step_depth = stored * density(span.x + (n + 0.5) * h) * h;
             if (step_depth > 0.0) {
                 if (first < 0.0) first = n;
+                else if (n - last > longest) {
+                    longest = n - last;
+                    gap_first = last;
+                }
                 last = n + 1.0;
             }
             if (start < 0.0 && total + step_depth > begin_depth) {
@@ -189,6 +187,12 @@ void main() {
         if (!dense) end = span.x + last * h;
         end = max(end, begin + 1e-3 * h);
         length_ = end - begin;
+        // A step at each end of the gap stays in the range: density may begin inside it.
+        if (longest > 4.0 && gap_first >= start) {
+            gap_begin = span.x + (gap_first + 1.0) * h;
+            gap_length = (longest - 2.0) * h;
+            length_ -= gap_length;
+        }
         count = clamp(ceil(length_ / h), SECOND_MARCH_STEPS, 4096.0);
         h = length_ / count;
 #endif
@@ -207,17 +211,9 @@ void main() {
                 tail = stored * sum / 3.0 * length_;
             }
             total_depth = depth;
-            stored_range = vec2(begin, end) + offset;
+            stored_range = vec4(vec2(begin, end) + offset, gap_begin - begin, gap_length);
         }
     }
-#if MAP_BYTES
-    uint tail_code = tail > 0.0 ? uint(clamp((log2(tail) + TAIL_LEAST) / TAIL_STEP + 1.5, 1.0, 255.0)) : 0u;
-    uint end_code = uint(exp(-total_depth) * 65535.0 + 0.5);
-    values0 = uvec4(floatBitsToUint(stored_range), bytes_at(c, 0), byte_at(c, 4) | tail_code << 8u | end_code << 16u);
-#if MAP_LAYERS > 1
-    values1 = uvec4(bytes_at(c, 5), bytes_at(c, 9), byte_at(c, 13) | byte_at(c, 14) << 8u, 0u);
-#endif
-#else
     c[COEFFICIENTS >> 2][COEFFICIENTS & 3] = min(tail, 6e4);
     c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3] =
 #if MAP_CURVE == CURVE_QUANTILE
@@ -238,6 +234,5 @@ void main() {
 #endif
 #if MAP_LAYERS > 4
     values4 = c[4];
-#endif
 #endif
 }

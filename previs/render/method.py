@@ -10,6 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from ..description import Light, Volume, volume_box
 from ..settings import Settings
 
 Curve = Literal["cosine", "quantile"]
@@ -18,9 +21,12 @@ CURVE_NUMBERS: Mapping[Curve, int] = {"cosine": 0, "quantile": 1}
 #: Transmittance at which an adaptive range ends when that is left to the plan [ATFM12].
 THRESHOLD = 0.01
 #: The same for a light inside a volume. All that is seen of it from outside has passed most of the medium, where
-#: nothing brighter is beside it: the curve must be known far below the usual threshold, in a power that keeps its digits
-#: there.
+#: nothing brighter is beside it: the curve must be known far below the usual threshold, in a power that keeps its
+#: digits there.
 THRESHOLD_INSIDE, WEIGHTING_INSIDE = 1e-6, 8.0
+#: From this ratio between the strongest and the weakest channel on, quantiles are of a stretched exponential, which
+#: resolves both ends of what channels ask for; the exponent is then this part of the ratio.
+STRETCHED_FROM, STRETCHED_WEIGHTING = 8.0, 0.16
 #: No power is stored higher than this: the root of a curve gets so flat that half floats blur it.
 MOST_WEIGHTING = 16.0
 
@@ -61,29 +67,19 @@ class Method:
             "HAS_MAPS": self.has_maps,
             "MAP_ADAPTIVE": self.adaptive,
             "MAP_CURVE": CURVE_NUMBERS[self.curve or "cosine"],
-            "MAP_BYTES": self.packs_bytes(settings),
             "COEFFICIENTS": settings.coefficients,
             "MAP_LAYERS": self.layers(settings),
             "MAP_FILTER": ("nearest", "blend", "stochastic").index(settings.map_filter),
         }
 
-    def packs_bytes(self, settings: Settings) -> bool:
-        """Whether its texels are packed into whole numbers, eight bits a value."""
-        return self.curve == "quantile" and settings.map_storage == "byte"
-
     def layers(self, settings: Settings) -> int:
-        """RGBA textures that its maps take besides that of the range, which packed texels do not have."""
-        if self.packs_bytes(settings):
-            # A texel of four whole numbers holds the range, its end, the tail and five depths; another ten depths.
-            return 1 if settings.coefficients <= 6 else 2
-        # The values, then the tail's extinction and the transmittance at the range's end.
+        """RGBA textures of half floats that its maps take besides that of the range: the values, then the extinction of
+        the tail and what the curve has come to at the range's end."""
         return -(-(settings.coefficients + 2) // 4)
 
     def texel_bytes(self, settings: Settings) -> int:
-        """Bytes of a texel in all textures."""
-        if self.packs_bytes(settings):
-            return 16 * self.layers(settings)
-        return 8 + 8 * self.layers(settings)
+        """Bytes of a texel in all textures; the range is of four 32-bit floats."""
+        return 16 + 8 * self.layers(settings)
 
 
 METHODS: Mapping[str, Method] = {
@@ -91,7 +87,7 @@ METHODS: Mapping[str, Method] = {
     for m in (
         Method("tfm", "cosine", True, 2.0, "coefficients", "adaptive range"),
         Method("tfm-plain", "cosine", False, 1.0, "coefficients", "full range"),
-        Method("quantile", "quantile", True, 1.25, "depths", "quantiles of the transmittance"),
+        Method("quantile", "quantile", True, 1.5, "depths", "quantiles of the transmittance"),
         Method("march", None, False, 1.0, "", "brute force towards every light"),
     )
 }
@@ -100,3 +96,37 @@ METHODS: Mapping[str, Method] = {
 def method_of(settings: Settings) -> Method:
     """The method that the settings ask for."""
     return METHODS[settings.transmittance]
+
+
+def stored_curve(light: Light, volume: Volume, settings: Settings) -> tuple[float, float, bool]:
+    """Exponent α of the stored curve ([TFM11] section 6.2), the threshold at which its adaptive range ends, and whether
+    its levels are stretched.
+
+    Cosines of a medium whose channels differ need an exponent as large as they differ, so that the curve of the
+    strongest channel is not gone where the weakest still transmits; quantiles take other levels.
+    """
+    method = method_of(settings)
+    weighting, threshold = settings.density_weighting, settings.threshold
+    inside = method.adaptive and _is_inside(light, volume)
+    spread = max(volume.medium.strength) / min(s for s in volume.medium.strength if s > 0.0)
+    stretched = method.curve == "quantile" and spread > STRETCHED_FROM
+    if weighting <= 0.0:
+        least = WEIGHTING_INSIDE if inside else method.weighting
+        if stretched:
+            weighting = max(least, STRETCHED_WEIGHTING * spread)
+        elif method.adaptive:
+            weighting = min(max(least, spread if method.curve == "cosine" else 1.0), MOST_WEIGHTING)
+        else:
+            weighting = method.weighting
+    if threshold <= 0.0:
+        threshold = THRESHOLD_INSIDE if inside else THRESHOLD
+    return weighting, threshold, stretched
+
+
+def _is_inside(light: Light, volume: Volume) -> bool:
+    """Whether a light is within the bounds of a volume."""
+    if light.kind == "distant":
+        return False
+    lo, hi, to_world = volume_box(volume)
+    local = np.append(light.position, 1.0) @ np.linalg.inv(to_world)
+    return bool(np.all(local[:3] >= lo) and np.all(local[:3] <= hi))

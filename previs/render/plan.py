@@ -31,7 +31,7 @@ from ..index import Entry, RenderIndex, camera_key
 from ..settings import Settings
 from .atlas import AtlasLayout, lay_out
 from .fields import field_dims, packed_bytes, planned_reduction
-from .method import MOST_WEIGHTING, THRESHOLD, THRESHOLD_INSIDE, WEIGHTING_INSIDE, method_of
+from .method import method_of, stored_curve
 from .projection import (
     MAP_KINDS,
     SHADOW_KINDS,
@@ -132,7 +132,8 @@ class PlannedMap:
     """The transmittance map of one light through one volume and its tile in the atlas.
 
     Curves are stored at the `reference` extinction (per stage unit at density 1) to the power 1 / `weighting`; the
-    adaptive range ends where the weakest channel, of extinction `weakest`, falls below the `threshold`.
+    adaptive range ends where the weakest channel, of extinction `weakest`, falls below the `threshold`. Levels of
+    quantiles are `stretched` where channels differ much.
     """
 
     light: int
@@ -143,6 +144,7 @@ class PlannedMap:
     weakest: float
     weighting: float
     threshold: float
+    stretched: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -568,10 +570,8 @@ def _plan_maps(
             versions = (light_entry.versions["placement"], entry.versions["density"], entry.versions["placement"])
             fit = _fits.get(("map", versions, size), lambda x=light, v=volume: light_map(x, v, size))
             tile = layout.spans[light.path, volume.path].start
-            weighting, threshold = _curve_range(light, volume, settings)
-            item = PlannedMap(
-                light_number, volume_number, fit, tile, max(strength), min(strength), weighting, threshold
-            )
+            stored = stored_curve(light, volume, settings)
+            item = PlannedMap(light_number, volume_number, fit, tile, max(strength), min(strength), *stored)
             planned.append(item)
             depends = (
                 entry.versions["density"],
@@ -580,7 +580,7 @@ def _plan_maps(
                 fit.key(),
                 item.tile,
                 size,
-                (weighting, threshold),
+                stored,
                 settings.read_by("transmittance_map"),
             )
             passes.append(
@@ -640,33 +640,6 @@ def _defines(volumes, lights, maps, batch: int, meshes, ambient, settings: Setti
 def projective_minimum(settings: Settings) -> int:
     """The least number of steps that a ray takes in a spot's projection, however short its way through the cone."""
     return max((settings.steps or LEAST_STEPS) // 4, 1)
-
-
-def _curve_range(light: Light, volume: Volume, settings: Settings) -> tuple[float, float]:
-    """Exponent α of the stored curve ([TFM11] section 6.2) and the threshold at which its adaptive range ends.
-
-    A medium whose channels differ needs an exponent as large as they differ, so that the curve of the strongest channel
-    is not gone where the weakest still transmits.
-    """
-    method = method_of(settings)
-    weighting, threshold = settings.density_weighting, settings.threshold
-    inside = method.adaptive and _is_inside(light, volume)
-    if weighting <= 0.0:
-        spread = max(volume.medium.strength) / min(s for s in volume.medium.strength if s > 0.0)
-        least = WEIGHTING_INSIDE if inside else method.weighting
-        weighting = min(max(least, spread), MOST_WEIGHTING) if method.adaptive else method.weighting
-    if threshold <= 0.0:
-        threshold = THRESHOLD_INSIDE if inside else THRESHOLD
-    return weighting, threshold
-
-
-def _is_inside(light: Light, volume: Volume) -> bool:
-    """Whether a light is within the bounds of a volume."""
-    if light.kind == "distant":
-        return False
-    lo, hi, to_world = volume_box(volume)
-    local = np.append(light.position, 1.0) @ np.linalg.inv(to_world)
-    return bool(np.all(local[:3] >= lo) and np.all(local[:3] <= hi))
 
 
 def _map_exponent(volumes: tuple[Volume, ...], maps: tuple[PlannedMap, ...]) -> int:

@@ -208,7 +208,7 @@ class MapAtlas:
     def _shape_of(plan: Plan) -> Hashable:
         layout, settings = plan.map_atlas, plan.settings
         method = method_of(settings)
-        return layout.size, layout.columns, method.name, method.layers(settings), method.packs_bytes(settings)
+        return layout.size, layout.columns, method.name, method.layers(settings)
 
     def update(self, plan: Plan) -> bool:
         """Make the textures for a plan; True when they are new and every map has to be filled again."""
@@ -220,10 +220,9 @@ class MapAtlas:
         owners = self.owners if fits else {}
         if not fits:
             self.release()
-        *_, layers, packed = shape
-        self.values = [self._context.texture(wanted, 4, dtype="u4" if packed else "f2") for _ in range(layers)]
+        self.values = [self._context.texture(wanted, 4, dtype="f2") for _ in range(shape[-1])]
         # Range ends need 32 bits: half floats cost up to 19 dB in dense media.
-        self.range = None if packed else self._context.texture(wanted, 2, dtype="f4")
+        self.range = self._context.texture(wanted, 4, dtype="f4")
         for texture in self._textures():
             texture.filter = NEAREST if method_of(plan.settings).adaptive else LINEAR
             texture.repeat_x = texture.repeat_y = False

@@ -149,5 +149,5 @@ def pack_light_maps(plan: Plan, batch: range) -> bytes:
         row[4, :3], row[4, 3] = fit.centre - plan.origin, MAP_KINDS_NUMBERS[fit.kind]
         row[5, :3] = fit.from_light
         row[5, 3] = np.linalg.norm(fit.from_light)
-        row[6] = (*plan.map_atlas.corner(item.tile), item.weighting / item.reference, 0.0)
+        row[6] = (*plan.map_atlas.corner(item.tile), item.weighting / item.reference, item.stretched)
     return rows.tobytes()

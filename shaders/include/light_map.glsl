@@ -23,7 +23,3 @@ float distance_along_light(int kind, vec3 y, vec4 from_light) {
     vec3 e = from_light.xyz;
     return dot(y, y + 2.0 * e) / max(length(y + e) + from_light.w, 1e-30);
 }
-
-// A tail's extinction in a byte: 0 for none, else steps of a logarithm, from 2^-TAIL_LEAST.
-#define TAIL_STEP (24.0 / 254.0)
-#define TAIL_LEAST 8.0

@@ -7,18 +7,12 @@ struct LightMap {
     mat4 to_map;       // point relative to the volume's centre -> (U, V, -, W)
     vec4 centre;       // relative to the render origin; w: MAP_*
     vec4 from_light;   // light -> centre, or the direction of travel; w: its length
-    vec4 tile;         // first texel x, y; z: exponent per unit of extinction
+    vec4 tile;         // first texel x, y; z: exponent per unit of extinction; w: 1 where levels are stretched
 };
 
 layout(std140) uniform LightMaps { LightMap light_maps[LIGHT_CAPACITY * VOLUME_COUNT]; };
 
 uniform float map_size;
-#if MAP_BYTES
-uniform usampler2D map_values0;
-#if MAP_LAYERS > 1
-uniform usampler2D map_values1;
-#endif
-#else
 uniform sampler2D map_values0;
 #if MAP_LAYERS > 1
 uniform sampler2D map_values1;
@@ -31,7 +25,6 @@ uniform sampler2D map_values3;
 #endif
 #if MAP_LAYERS > 4
 uniform sampler2D map_values4;
-#endif
 #endif
 
 // Map coordinate of a point relative to the volume's centre; false outside the map, where there is nothing on the way.

@@ -3,16 +3,10 @@
 #define CURVE_COSINE 0
 #define CURVE_QUANTILE 1
 
-#if MAP_BYTES
-#define CURVE_VECTORS 4
-#else
-#define CURVE_VECTORS MAP_LAYERS
-#endif
-
 #if MAP_CURVE == CURVE_COSINE
 
 // Stored transmittance at x in [0, 1] of the range: c_0/2 + sum_j c_j cos(j pi x) [TFM11], by Clenshaw's recurrence.
-float map_curve(vec4 c[CURVE_VECTORS], float x) {
+float map_curve(vec4 c[MAP_LAYERS], float x) {
     float twice = 2.0 * cos(3.14159265358979 * x);
     float b1 = 0.0;
     float b2 = 0.0;
@@ -27,13 +21,19 @@ float map_curve(vec4 c[CURVE_VECTORS], float x) {
 #else
 
 // Where, as a part of the range, the curve crosses the i-th of COEFFICIENTS + 1 evenly spaced levels between 1 and its end.
-float quantile(vec4 c[CURVE_VECTORS], int i) {
+float quantile(vec4 c[MAP_LAYERS], int i) {
     return i < COEFFICIENTS ? c[(i - 1) >> 2][(i - 1) & 3] : 1.0;
 }
 
-// Stored optical depth of a level.
-float level_depth(float level, float drop) {
-    return -log(max(1.0 - drop * level, 1e-30));
+// Levels are of exp(-depth), or stretched of exp(-sqrt(depth)): over many powers of ten of optical depth, for a curve that has to serve
+// channels which differ much.
+float curve_level(float depth, bool stretched) {
+    return exp(-(stretched ? sqrt(depth) : depth));
+}
+
+float level_depth(float level, bool stretched) {
+    float depth = -log(max(level, 1e-30));
+    return stretched ? depth * depth : depth;
 }
 
 // Slope at the open end of a cell of width b and slope `rise` whose neighbour has width d and slope `beside`: that of the parabola
@@ -49,7 +49,7 @@ float node_slope(float a, float b, float rise_a, float rise_b) {
 
 // Stored optical depth at x in [0, 1] of the range, whose whole is `total`: a monotone cubic through the nodes (Fritsch and
 // Carlson 1980). It is interpolated and not the transmittance because it is a straight line in a homogeneous medium.
-float map_depth(vec4 c[CURVE_VECTORS], float x, float total) {
+float map_depth(vec4 c[MAP_LAYERS], float x, float total, bool stretched) {
     float za = 0.0;
     float zb = 0.0;
     float zc = quantile(c, 1);
@@ -69,11 +69,11 @@ float map_depth(vec4 c[CURVE_VECTORS], float x, float total) {
     float a = max(zb - za, least);
     float b = max(zc - zb, least);
     float d = max(zd - zc, least);
-    float drop = (1.0 - exp(-total)) / last;
-    float depth_b = level_depth(level, drop);
-    float depth_c = level > last - 1.5 ? total : level_depth(level + 1.0, drop);
-    float depth_d = level > last - 2.5 ? total : level_depth(level + 2.0, drop);
-    float rise_a = max(depth_b - level_depth(max(level - 1.0, 0.0), drop), least) / a;
+    float drop = (1.0 - curve_level(total, stretched)) / last;
+    float depth_b = level_depth(1.0 - drop * level, stretched);
+    float depth_c = level > last - 1.5 ? total : level_depth(1.0 - drop * (level + 1.0), stretched);
+    float depth_d = level > last - 2.5 ? total : level_depth(1.0 - drop * (level + 2.0), stretched);
+    float rise_a = max(depth_b - level_depth(1.0 - drop * max(level - 1.0, 0.0), stretched), least) / a;
     float rise_b = max(depth_c - depth_b, least) / b;
     float rise_d = max(depth_d - depth_c, least) / d;
     float slope_b = level < 0.5 ? end_slope(b, d, rise_b, rise_d) : node_slope(a, b, rise_a, rise_b);

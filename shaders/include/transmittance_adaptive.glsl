@@ -1,22 +1,19 @@
 // Maps whose texels have each a range of their own [ATFM12], which ends where the curve has fallen below a threshold. What
 // neighbouring texels hold cannot be interpolated: the curves are evaluated and their transmittance is blended, or one is picked.
 
-#if MAP_BYTES
-
-vec2 stored_range(ivec2 texel) {
-    return uintBitsToFloat(texelFetch(map_values0, texel, 0).xy);
-}
-
-float byte_of(uint word, int i) {
-    return float((word >> uint(8 * i)) & 255u) * (1.0 / 255.0);
-}
-
-#else
-
 uniform sampler2D map_range;
 
-vec2 stored_range(ivec2 texel) {
-    return texelFetch(map_range, texel, 0).xy;
+// First and last distance of a texel's range along its ray; then where in it a gap without density begins, from the first, and how long
+// the gap is.
+vec4 stored_range(ivec2 texel) {
+    return texelFetch(map_range, texel, 0);
+}
+
+// Place in the range, 0 at its first distance and 1 at its last. The gap is left out: nothing falls in it that values could tell of.
+float range_place(vec4 range, float k) {
+    float s = k - range.x;
+    if (s > range.z) s = max(s - range.w, range.z);
+    return s / (range.y - range.x - range.w);
 }
 
 // What is stored at a texel; the vector that holds the tail and the end is read first, as the others often are not needed.
@@ -49,44 +46,26 @@ void other_vectors(ivec2 texel, inout vec4 c[MAP_LAYERS]) {
 #endif
 }
 
-#endif
-
 #if MAP_CURVE == CURVE_QUANTILE
 
 // Stored optical depth at a distance k along the light's ray.
-float depth_at(ivec2 texel, float k) {
-    vec2 range = stored_range(texel);
-    float x = (k - range.x) / (range.y - range.x);
+float depth_at(ivec2 texel, float k, bool stretched) {
+    float x = range_place(stored_range(texel), k);
     if (x <= 0.0) return 0.0;
-    vec4 c[CURVE_VECTORS];
-#if MAP_BYTES
-    uvec4 head = texelFetch(map_values0, texel, 0);
-    float total = -log(max(float(head.w >> 16u), 0.5) * (1.0 / 65535.0));
-    uint code = (head.w >> 8u) & 255u;
-    if (x >= 1.0) return code == 0u ? total : total + exp2(float(code - 1u) * TAIL_STEP - TAIL_LEAST) * (x - 1.0);
-    c[0] = vec4(byte_of(head.z, 0), byte_of(head.z, 1), byte_of(head.z, 2), byte_of(head.z, 3));
-    c[1] = vec4(byte_of(head.w, 0), 1.0, 1.0, 1.0);
-#if MAP_LAYERS > 1
-    uvec4 more = texelFetch(map_values1, texel, 0);
-    c[1].yzw = vec3(byte_of(more.x, 0), byte_of(more.x, 1), byte_of(more.x, 2));
-    c[2] = vec4(byte_of(more.x, 3), byte_of(more.y, 0), byte_of(more.y, 1), byte_of(more.y, 2));
-    c[3] = vec4(byte_of(more.y, 3), byte_of(more.z, 0), byte_of(more.z, 1), byte_of(more.z, 2));
-#endif
-#else
+    vec4 c[MAP_LAYERS];
     c[MAP_LAYERS - 1] = last_vector(texel);
     float tail = c[COEFFICIENTS >> 2][COEFFICIENTS & 3];
     float total = c[(COEFFICIENTS + 1) >> 2][(COEFFICIENTS + 1) & 3];
     if (x >= 1.0) return total + tail * (x - 1.0);
     other_vectors(texel, c);
-#endif
-    return map_depth(c, x, total);
+    return map_depth(c, x, total, stretched);
 }
 
-vec3 texel_transmittance(ivec2 texel, float k, vec3 exponent) {
+vec3 texel_transmittance(ivec2 texel, float k, vec3 exponent, bool stretched) {
 #if CHROMATIC
-    return exp(-exponent * depth_at(texel, k));
+    return exp(-exponent * depth_at(texel, k, stretched));
 #else
-    return vec3(exp(-exponent.r * depth_at(texel, k)));
+    return vec3(exp(-exponent.r * depth_at(texel, k, stretched)));
 #endif
 }
 
@@ -94,8 +73,7 @@ vec3 texel_transmittance(ivec2 texel, float k, vec3 exponent) {
 
 // Stored transmittance at a distance k along the light's ray.
 float curve(ivec2 texel, float k) {
-    vec2 range = stored_range(texel);
-    float x = (k - range.x) / (range.y - range.x);
+    float x = range_place(stored_range(texel), k);
     if (x <= 0.0) return 1.0;
     vec4 c[MAP_LAYERS];
     c[MAP_LAYERS - 1] = last_vector(texel);
@@ -107,7 +85,7 @@ float curve(ivec2 texel, float k) {
     return clamp(map_curve(c, x), end, 1.0);
 }
 
-vec3 texel_transmittance(ivec2 texel, float k, vec3 exponent) {
+vec3 texel_transmittance(ivec2 texel, float k, vec3 exponent, bool stretched) {
     return raised(curve(texel, k), exponent);
 }
 
@@ -150,21 +128,22 @@ vec3 grid_transmittance(int i, int v, vec3 position, vec3 travel) {
     if (!map_coordinate(m, y, uv)) return vec3(1.0);
     float k = distance_along_light(int(light_maps[m].centre.w), y, light_maps[m].from_light);
     vec3 exponent = volumes[v].strength.rgb * light_maps[m].tile.z;
+    bool stretched = light_maps[m].tile.w > 0.5;
     vec2 p = uv * map_size;
 #if MAP_FILTER == FILTER_BLEND
     p -= 0.5;
     ivec2 corner = ivec2(floor(p));
     vec2 f = p - vec2(corner);
-    vec3 row0 = mix(texel_transmittance(map_texel(m, corner), k, exponent),
-                    texel_transmittance(map_texel(m, corner + ivec2(1, 0)), k, exponent), f.x);
-    vec3 row1 = mix(texel_transmittance(map_texel(m, corner + ivec2(0, 1)), k, exponent),
-                    texel_transmittance(map_texel(m, corner + ivec2(1, 1)), k, exponent), f.x);
+    vec3 row0 = mix(texel_transmittance(map_texel(m, corner), k, exponent, stretched),
+                    texel_transmittance(map_texel(m, corner + ivec2(1, 0)), k, exponent, stretched), f.x);
+    vec3 row1 = mix(texel_transmittance(map_texel(m, corner + ivec2(0, 1)), k, exponent, stretched),
+                    texel_transmittance(map_texel(m, corner + ivec2(1, 1)), k, exponent, stretched), f.x);
     return mix(row0, row1, f.y);
 #else
 #if MAP_FILTER == FILTER_STOCHASTIC
     // The texel in which a point falls that is moved by up to half a texel at random is one of the four neighbours, by its weight.
     p += random_pair(position) - 0.5;
 #endif
-    return texel_transmittance(map_texel(m, ivec2(floor(p))), k, exponent);
+    return texel_transmittance(map_texel(m, ivec2(floor(p))), k, exponent, stretched);
 #endif
 }

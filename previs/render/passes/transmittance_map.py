@@ -49,6 +49,7 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
                 ray_direction=np.asarray(fit.ray_direction, np.float32).tobytes(),
                 from_light=(*fit.from_light, float(np.linalg.norm(fit.from_light))),
                 stored=stored,
+                stretched=item.stretched,
                 end_depth=-math.log(item.threshold) * stored / item.weakest,
                 begin_depth=BEGIN_DEPTH / item.weighting,
                 step_length=step_length(volume, frame.density.placements, settings.light_steps),
