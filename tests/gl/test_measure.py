@@ -130,7 +130,7 @@ def test_the_error_goes_to_the_part_that_makes_it(renderer):
             return meter.measure(index, VIEW, renderer.render(index, VIEW, SIZE, settings), settings)
 
     few_steps = measured(transmittance="march", steps=6)
-    assert few_steps.light.mean_relative_error.value < 1e-4 < 0.01 < few_steps.view.mean_relative_error.value
+    assert few_steps.light.mean_relative_error.value < 1e-4 < 0.001 < few_steps.view.mean_relative_error.value
     few_values = measured(transmittance="tfm-plain", coefficients=2, steps=512)
     assert few_values.view.mean_relative_error.value < 0.001 < 0.01 < few_values.light.mean_relative_error.value
 
