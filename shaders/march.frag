@@ -85,19 +85,38 @@ float mean_inverse_square(vec3 light, float radius, float s0, float s1) {
 }
 #endif
 
-// Share of a step that light i reaches past the meshes. A shadow's edge is the one discontinuity along a ray: where the ends of the step
-// differ it is searched for, so that its place is not rounded to whole steps, which would show as bands.
-float lit_share(int i, float s0, float s1) {
-#if HAS_SHADOW_MAPS
-    float a = visibility(i, ray.anchor + s0 * ray.direction);
-    float b = visibility(i, ray.anchor + s1 * ray.direction);
+// Whether the edge of a light's cone is a jump, and how much of the light is inside it at a position.
+bool has_hard_cone(int i) {
+#if HAS_SHAPING
+    return lights[i].focus_tint.w > 0.5 && lights[i].cone.x >= lights[i].cone.y;
+#else
+    return false;
+#endif
+}
+
+float reach(int i, vec3 position, bool hard_cone) {
+#if HAS_SHAPING
+    if (hard_cone) {
+        vec3 offset = position - lights[i].position.xyz;
+        if (dot(offset, lights[i].axis.xyz) < lights[i].cone.w * length(offset)) return 0.0;
+    }
+#endif
+    return visibility(i, position);
+}
+
+// Share of a step that light i reaches, past the meshes and inside a hard cone. These edges are the only discontinuities along a ray:
+// where the ends of the step differ they are searched for, so that their place is not rounded to whole steps, which would show as bands.
+float lit_share(int i, float s0, float s1, bool hard_cone) {
+#if HAS_SHADOW_MAPS || HAS_SHAPING
+    float a = reach(i, ray.anchor + s0 * ray.direction, hard_cone);
+    float b = reach(i, ray.anchor + s1 * ray.direction, hard_cone);
     if (a == b) return a;
     float level = 0.5 * (a + b);
     float lo = 0.0;
     float hi = 1.0;
     for (int n = 0; n < 5; ++n) {
         float middle = 0.5 * (lo + hi);
-        float seen = visibility(i, ray.anchor + mix(s0, s1, middle) * ray.direction);
+        float seen = reach(i, ray.anchor + mix(s0, s1, middle) * ray.direction, hard_cone);
         if ((seen > level) == (a > level)) lo = middle; else hi = middle;
     }
     return mix(b, a, 0.5 * (lo + hi));
@@ -171,9 +190,10 @@ void march_step(float s0, float s1, float from[VOLUME_COUNT], float between[VOLU
             if (lights[i].position.w > 0.5)
                 inverse_square = mean_inverse_square(lights[i].position.xyz, lights[i].strength.w, s0, s1);
 #endif
-            vec3 arriving = lights[i].strength.rgb * shaping(i, travel) * inverse_square;
+            bool hard_cone = has_hard_cone(i);
+            vec3 arriving = lights[i].strength.rgb * shaping(i, travel, !hard_cone) * inverse_square;
             if (strongest(arriving) <= 0.0) continue;
-            float seen = lit_share(i, s0, s1);
+            float seen = lit_share(i, s0, s1, hard_cone);
             if (seen <= 0.0) continue;
             float cosine = dot(travel, -ray.direction);
             vec3 turned = vec3(0.0);

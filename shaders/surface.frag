@@ -57,7 +57,7 @@ void main() {
         vec3 travel = light_travel(i, position, inverse_square);
         float cosine = -dot(n, travel);
         if (cosine <= 0.0) continue;
-        vec3 irradiance = lights[i].strength.rgb * shaping(i, travel) * (inverse_square * cosine);
+        vec3 irradiance = lights[i].strength.rgb * shaping(i, travel, true) * (inverse_square * cosine);
         if (max(max(irradiance.r, irradiance.g), irradiance.b) <= 0.0) continue;
         // The lookup is moved off the surface by what a texel of the map spans there, the more the more the light grazes it.
         vec3 offset = position + n * (shadow_texel(i, position) * (0.5 + 3.0 * sqrt(max(1.0 - cosine * cosine, 0.0))));

@@ -307,12 +307,14 @@ def _orthographic_face(right, up, direction, casters: np.ndarray, receivers: np.
         lo, hi = max(c.min(), r.min()), min(c.max(), r.max())
         if hi <= lo:
             lo, hi = float(c.min()), float(c.max())
-        pad = max(1e-3 * (hi - lo), 1e-30)
+        # Something flat has a width too, one that rounding does not lose.
+        pad = max(1e-3 * (hi - lo), 1e-6 * max(abs(lo), abs(hi)), 1e-30)
         lo, hi = lo - pad, hi + pad
         matrix[:3, column], matrix[3, column] = 2.0 * axis / (hi - lo), -(hi + lo) / (hi - lo)
     k = casters @ direction
     lo, hi = float(k.min()), float(k.max())
-    pad = max(1e-3 * (hi - lo), 1e-3 * float(np.linalg.norm(receivers.max(axis=0) - receivers.min(axis=0))), 1e-30)
+    across = float(np.linalg.norm(receivers.max(axis=0) - receivers.min(axis=0)))
+    pad = max(1e-3 * (hi - lo), 1e-3 * across, 1e-6 * max(abs(lo), abs(hi)), 1e-30)
     lo, hi = lo - pad, hi + pad
     matrix[:3, 2], matrix[3, 2] = 2.0 * direction / (hi - lo), -(hi + lo) / (hi - lo)
     return matrix

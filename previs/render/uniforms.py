@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from .. import blackbody
 from ..description import Light, Volume
 from .plan import MAP_KINDS_NUMBERS, PHASE_NUMBERS, SHADOW_KIND_NUMBERS, Plan, steps_across
 from .projection import relative_to
@@ -78,10 +79,22 @@ def pack_volumes(plan: Plan, placements: dict[str, Placement]) -> bytes:
         row[6, 3] = step_length(volume, placements, plan.settings.light_steps)
         row[7, :3], row[7, 3] = medium.albedo, shape
         row[8] = (medium.anisotropy, medium.anisotropy2, medium.lobe_mix, PHASE_NUMBERS[medium.phase])
-        row[9, :3] = np.multiply(medium.emission, medium.emission_scale)
+        row[9, :3] = _emission(volume)
         if shape == _SHAPE_CAPSULE:
             row[9, 3] = 0.5 * volume.shape.height / volume.shape.radius
     return rows.tobytes()
+
+
+def _emission(volume: Volume) -> np.ndarray:
+    """Emitted radiance but for the fields that hold voxels: one that holds none has its background's value."""
+    medium = volume.medium
+    emission = np.multiply(medium.emission, medium.emission_scale)
+    if (field := volume.emission) is not None and not field.grid.active_count:
+        emission = emission * np.asarray(field.grid.background, float)
+    if (field := volume.temperature) is not None and not field.grid.active_count:
+        kelvin = float(field.grid.background) * medium.temperature_scale + medium.temperature_offset
+        emission = emission * (blackbody.radiance(kelvin) if kelvin > blackbody.TABLE_RANGE[0] else 0.0)
+    return emission
 
 
 def pack_emissions(plan: Plan, temperatures: dict[str, Placement], fields: dict[str, Placement]) -> bytes:

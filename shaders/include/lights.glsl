@@ -23,8 +23,9 @@ uniform int light_count;
 const int light_count = 1;
 #endif
 
-// UsdLux ShapingAPI: 1 - smoothstep(theta, (1 - softness) cone, cone), times lerp(focusTint, 1, cos^focus).
-vec3 shaping(int i, vec3 travel) {
+// UsdLux ShapingAPI: 1 - smoothstep(theta, (1 - softness) cone, cone), times lerp(focusTint, 1, cos^focus). Not `cut`, the light goes on
+// outside its cone, for who finds the cone's edge himself.
+vec3 shaping(int i, vec3 travel, bool cut) {
     vec3 factor = vec3(1.0);
 #if HAS_SHAPING || HAS_COSINE
     float cosine = dot(travel, lights[i].axis.xyz);
@@ -32,7 +33,7 @@ vec3 shaping(int i, vec3 travel) {
 #if HAS_SHAPING
     if (lights[i].focus_tint.w > 0.5) {
         vec4 cone = lights[i].cone;
-        if (cosine < cone.w) return vec3(0.0);
+        if (cut && cosine < cone.w) return vec3(0.0);
         float theta = acos(clamp(cosine, -1.0, 1.0));
         if (cone.x < cone.y && theta > cone.x) {
             float s = clamp((theta - cone.x) / (cone.y - cone.x), 0.0, 1.0);
