@@ -42,13 +42,12 @@ float end_slope(float b, float d, float rise, float beside) {
     return clamp(((2.0 * b + d) * rise - b * beside) / (b + d), 0.0, 3.0 * rise);
 }
 
-// Slope at a node between two cells: the weighted harmonic mean of Fritsch and Butland (1984), which keeps the curve monotone.
+// Slope at a node between two cells: that of the parabola through three nodes, no more than keeps the curve monotone (Hyman 1983).
 float node_slope(float a, float b, float rise_a, float rise_b) {
-    return 3.0 * (a + b) / ((2.0 * b + a) / rise_a + (b + 2.0 * a) / rise_b);
+    return min((b * rise_a + a * rise_b) / (a + b), 3.0 * min(rise_a, rise_b));
 }
 
-// Stored optical depth at x in [0, 1] of the range, whose whole is `total`: a monotone cubic through the nodes (Fritsch and
-// Carlson 1980). It is interpolated and not the transmittance because it is a straight line in a homogeneous medium.
+// Stored optical depth at x in [0, 1] of the range, whose whole is `total`: a monotone cubic through the nodes. It is interpolated and not the transmittance because it is a straight line in a homogeneous medium.
 float map_depth(vec4 c[MAP_LAYERS], float x, float total, bool stretched) {
     float za = 0.0;
     float zb = 0.0;
