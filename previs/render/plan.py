@@ -32,6 +32,7 @@ from ..settings import Settings
 from .atlas import AtlasLayout, lay_out
 from .fields import field_dims, packed_bytes, planned_reduction
 from .method import method_of, stored_curve
+from .precision import density_range, precision_notes
 from .projection import (
     MAP_KINDS,
     SHADOW_KINDS,
@@ -286,6 +287,13 @@ def make_plan(
     casting = sum(e.record.casts_shadows for e in lights)
     size = _map_size(records, grids, casting, settings, limits, notes) if grids else 0
     maps, map_atlas = (), AtlasLayout()
+    for entry in volumes:
+        record = entry.record
+        densities = (1.0, 1.0)
+        if record.density is not None:
+            key = ("densities", entry.versions["density"])
+            densities = _fits.get(key, lambda grid=record.density.grid: density_range(grid))
+        notes += [Note("approximated", record.path, n) for n in precision_notes(record, densities, method)]
     if grids and method.has_maps:
         maps, map_atlas = _plan_maps(volumes, grids, lights, settings, size, limits, atlases[0], passes)
 
@@ -526,17 +534,28 @@ def _plan_shadows(
     return tuple(planned), layout
 
 
+def _longest(volume: Volume) -> int:
+    """Voxels along the longest edge of a volume; 0 for a shape."""
+    return int(field_dims(volume.density).max()) if volume.density is not None else 0
+
+
 def _map_size(volumes, grids: list[int], lights: int, settings: Settings, limits: DeviceLimits, notes) -> int:
-    """Texels along a map's side: as asked, or two per voxel; less where too many maps are needed.
+    """Texels along a map's side: as asked, or two per voxel of a small grid and one of a large; less where too many
+    maps are needed.
 
     Two, because the surface of a dense medium casts shadows as sharp as its voxels allow.
     """
     wanted = settings.map_size
     if not wanted:
-        longest = max(int(field_dims(volumes[i].density).max()) for i in grids)
+        longest = max(_longest(volumes[i]) for i in grids)
         # A coarse grid that is dense has edges too: they need texels, unless there are very many maps to fill.
-        least = 256 if len(grids) * lights <= MANY_MAPS else 64
-        wanted = int(np.clip(-(-longest * 2 // 32) * 32, least, 512))
+        few = len(grids) * lights <= MANY_MAPS
+        least, most = (256, 1024) if few else (64, 512)
+        texels = min(longest * 2, max(longest, 512))
+        wanted = int(np.clip(-(-texels // 32) * 32, least, most))
+        if longest > wanted:
+            message = f"transmittance maps have {wanted}² texels for {longest} voxels; map_size sets more"
+            notes.append(Note("approximated", max(volumes, key=_longest).path, message))
     size = fitting_size(wanted, len(grids) * lights, method_of(settings).texel_bytes(settings), limits)
     if size < wanted:
         message = f"{_count(len(grids) * lights, 'transmittance map')} have {size}² texels to fit"

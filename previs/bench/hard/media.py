@@ -31,7 +31,7 @@ def zero_density(trial: Trial) -> None:
 def shape_thin_to_solid(trial: Trial) -> None:
     """A homogeneous sphere, from one that nothing stops in to one that is solid, against the reference."""
     for exponent in range(-6, 7, 2):
-        trial.right(scene(sphere(fog(0.5 * 10.0**exponent)), SIDE), opacity_cutoff=0.0)
+        trial.right(scene(sphere(fog(0.5 * 10.0**exponent)), SIDE), noted="32 bits", opacity_cutoff=0.0)
 
 
 @case("optical depth from 1e-6 to 1e6", coefficients=(6,))
@@ -56,13 +56,13 @@ def voxels_of_depth_100(trial: Trial) -> None:
 @case("optical depth from 1e-6 to 1e6")
 def voxels_of_depth_10000(trial: Trial) -> None:
     """Depth 1e4: all light is within the first voxel."""
-    trial.right(scene(cloud(1e4), SIDE))
+    trial.right(scene(cloud(1e4), SIDE), noted="in a voxel")
 
 
 @case("optical depth from 1e-6 to 1e6")
 def voxels_of_depth_1000000(trial: Trial) -> None:
     """Depth 1e6: all light is within a hundredth of the first voxel, the margin in which the field falls to 0."""
-    trial.right(scene(cloud(1e6), SIDE))
+    trial.right(scene(cloud(1e6), SIDE), noted="in a voxel")
 
 
 @case("albedo 0", "albedo 1", methods=(ANY,))
@@ -140,7 +140,7 @@ def density_through_the_largest_half_float(trial: Trial) -> None:
 @case("density outside the range of half floats", coefficients=(6,))
 def haze_round_a_core_10000_times_denser(trial: Trial) -> None:
     """A haze that shows, round an opaque core: both magnitudes in one grid of half floats."""
-    trial.right(scene(_haze_and_core(1e4), SIDE))
+    trial.right(scene(_haze_and_core(1e4), SIDE), noted="in a voxel")
 
 
 @case("density outside the range of half floats", coefficients=(6,))
