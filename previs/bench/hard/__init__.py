@@ -2,9 +2,10 @@
 
 Every case states what is right for it: a closed form where there is one, else the float64 reference, else an
 invariance, a symmetry, continuity, or bounds; every picture on the way is finite and within its bounds. A case passes,
-or fails, or is *reported*: the program itself tells the user, by a note or by refusing with one line, what it did.
+or fails, or is *reported*: the program itself tells the user, by a note or by refusing with one line, what it did. A
+published method that is sound, but less accurate than is asked of the default one, is *short* of it.
 
->>> print(table(run(renderer, methods=["tfm", "march"])))
+>>> print(table(run(renderer, methods=["quantile", "march"])))
 """
 
 from __future__ import annotations
@@ -94,6 +95,6 @@ def table(outcomes: Sequence[Outcome]) -> str:
     rows += [(o.case, o.label, o.verdict, o.error + (f"; {o.note}" if o.note else "")) for o in outcomes]
     widths = [max(len(r[i]) for r in rows) for i in range(3)]
     lines = ["  ".join([*(c.ljust(w) for c, w in zip(r, widths, strict=False)), r[3]]).rstrip() for r in rows]
-    counts = {v: sum(o.verdict == v for o in outcomes) for v in ("pass", "reported", "FAIL")}
+    counts = {v: sum(o.verdict == v for o in outcomes) for v in ("pass", "reported", "short", "FAIL")}
     lines.append(", ".join(f"{n} {v}" for v, n in counts.items()))
     return "\n".join(lines)
