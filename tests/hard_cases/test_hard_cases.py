@@ -10,9 +10,8 @@ import previs
 from previs.bench import hard
 from previs.settings import BY_NAME
 
-#: (cases, methods with coefficients, why they fail). A failure that is mended has to leave this list.
-#: Where the published methods are less accurate than is asked of the default: full-range cosines ring in dense media, cosines
-#: of an adaptive range where light falls within a small part of it.
+#: Where the published methods are less accurate than is asked of the default: full-range cosines ring in dense media,
+#: cosines of an adaptive range where light falls within a small part of it.
 SHORT = {
     "tfm-plain 6": {
         "voxels of depth 100",
@@ -153,7 +152,7 @@ def test_a_table_of_outcomes() -> None:
     assert [line.split()[0] for line in lines] == ["case", "furnace", "one", "1"]
     assert lines[1].endswith("furnace off by 0.1 % (≤ 1 %)")
     assert lines[2].endswith("tfm 6   FAIL     PSNR 31.0 dB (≥ 40.0 dB); why")
-    assert lines[3] == "1 pass, 0 reported, 1 FAIL"
+    assert lines[3] == "1 pass, 0 reported, 0 short, 1 FAIL"
 
 
 def test_what_there_is_not_is_refused() -> None:

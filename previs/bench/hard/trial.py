@@ -35,7 +35,7 @@ LIMITS: Mapping[int, tuple[float, float]] = {0: (0.005, 45.0), 6: (0.03, 40.0), 
 #: What two pictures of the same thing, made in different ways, may differ by: rounding, not method.
 SAME = 1e-3
 
-#: Methods kept as they were published: where they are less accurate than is asked of the default, they are "short" of it.
+#: Methods kept as they were published: less accurate than is asked of the default, they are "short" of it.
 PUBLISHED = ("tfm", "tfm-plain")
 #: The figures that may be short.
 ACCURACY = ("mean error", "PSNR")
