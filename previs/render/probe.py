@@ -1,9 +1,10 @@
 """The probe: what the renderer knows of one ray of a light, beside the truth.
 
 The curve of transmittance along a light's ray through a point is what transmittance maps are about: the probe gives the
-marched curve, and the ones that maps of 6, of 14, and of the current settings reconstruct, with the ranges they
-were stored over. All come from one draw each of a row of pixels by the GLSL that lights media, so that they show what
-the renderer does and not what it should do. Of each map only the texels around the ray are filled.
+marched curve, and the ones that maps of 6 and of 14 values of the default method, and of the current settings,
+reconstruct, with the ranges they were stored over. All come from one draw each of a row of pixels by the GLSL that
+lights media, so that they show what the renderer does and not what it should do. Of each map only the texels around the
+ray are filled.
 """
 
 from __future__ import annotations
@@ -19,15 +20,16 @@ import numpy as np
 from ..description import Camera, Light, SceneDescription, Volume, transform_points, volume_box
 from ..errors import PrevisError
 from ..index import RenderIndex
-from ..settings import Settings
+from ..settings import BY_NAME, Settings
 from .context import check_errors
 from .frame import Frame
+from .method import METHODS, method_of
 from .passes import RUNNERS
 from .plan import LOOP_BUDGET, PassKind, Plan, PlannedPass, steps_across
 from .projection import LightMap
 from .renderer import Renderer
 
-#: Numbers of coefficients that are always compared: interactive and high quality.
+#: Numbers of values that are always compared, of the default method: interactive and high quality.
 COMPARED = (6, 14)
 #: Points of a curve.
 SAMPLES = 1024
@@ -46,7 +48,7 @@ class ProbeCurve:
     """One way to find the transmittance along the ray.
 
     `transmittance` (N, 3) in [0, 1] at the distances of the probe, through all volumes, without meshes. `k_min` and
-    `k_max` are the distances between which the map of the probe's volume holds coefficients; both NaN for a march, for
+    `k_max` are the distances between which the map of the probe's volume holds the curve; both NaN for a march, for
     media in closed form, and where the ray meets nothing that the map would hold.
     """
 
@@ -59,7 +61,8 @@ class ProbeCurve:
     @property
     def name(self) -> str:
         """The method in a few words."""
-        return "march" if self.method == "march" else f"{self.method}, {self.coefficients} coefficients"
+        method = METHODS[self.method]
+        return f"{self.method}, {self.coefficients} {method.values}" if method.has_maps else self.method
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +81,11 @@ class TransmittanceProbe:
         distance: of the samples, rising, (N,).
         picked: distance of the point.
         march: the curve by a fine march, the truth.
-        curves: the curves that maps reconstruct, of 6 and 14 adaptive coefficients, then of the settings where they ask
-            for another map.
+        curves: the curves that maps reconstruct, of 6 and 14 values of the default method, then of the settings where
+            they ask for another map.
         visibility: how much of the light gets past the meshes to a sample, in [0, 1], (N,); media are not in it.
-        threshold: the transmittance below which adaptive ranges end.
+        threshold: the transmittance below which the ranges end that the first curve's map of the probe's volume was
+            stored over; that of the settings, 0 for automatic, where there is no map.
     """
 
     light: str
@@ -142,8 +146,11 @@ def probe(
     spacing = (last - first) / samples
     ends = (first + 0.5 * spacing, last - 0.5 * spacing)
 
-    methods = [("tfm", n) for n in COMPARED]
-    if settings.transmittance != "march" and (settings.transmittance, settings.coefficients) not in methods:
+    # Where one of four texels is taken at random, their blend is the mean.
+    if settings.map_filter == "stochastic":
+        settings = settings.replace(map_filter="blend")
+    methods = [(BY_NAME["transmittance"].default, n) for n in COMPARED]
+    if method_of(settings).has_maps and (settings.transmittance, settings.coefficients) not in methods:
         methods.append((settings.transmittance, settings.coefficients))
     with _beside(renderer) as other:
         ray = _Ray(other, index, alone, point, direction, (first, last), samples)
@@ -163,7 +170,7 @@ def probe(
             for (m, n), c in zip(methods, curves, strict=True)
         ),
         visibility=march.visibility,
-        threshold=settings.threshold,
+        threshold=curves[0].threshold or settings.threshold,
     )
 
 
@@ -239,6 +246,8 @@ class _Found:
     visibility: np.ndarray
     k_min: float
     k_max: float
+    #: Of the map of the probe's volume; 0 without one.
+    threshold: float
 
 
 class _Ray:
@@ -304,7 +313,9 @@ class _Ray:
         first, last = self._ends
         row = ends[min(max(int((0.0 - first) / (last - first) * self._samples), 0), self._samples - 1)]
         k_min, k_max = (float(row[0]), float(row[1])) if row[2] > 0.5 else (math.nan, math.nan)
-        return _Found(transmittance[:, :3].astype(float), transmittance[:, 3].astype(float), k_min, k_max)
+        ended = [m.threshold for m in plan.maps if plan.volumes[m.volume].path == self.volume]
+        values, visibility = transmittance[:, :3].astype(float), transmittance[:, 3].astype(float)
+        return _Found(values, visibility, k_min, k_max, ended[0] if ended else 0.0)
 
     def _run(self, frame: Frame, planned: PlannedPass) -> None:
         """Run a pass at once; of a transmittance map only the texels around the ray."""

@@ -10,6 +10,7 @@ from . import placing
 from .app import App
 from .commands import Command
 from .dialogs import Dialogs
+from .knobs import VIEW_BY_NAME
 
 STAGES = (".usd", ".usda", ".usdc", ".usdz", ".vdb")
 LAYERS = (".usda", ".usd", ".usdc")
@@ -110,6 +111,12 @@ def make_commands(app: App, dialogs: Dialogs, leave: Callable[[Callable[[], None
     def gate_mask() -> None:
         app.view.gate_mask = not app.view.gate_mask
 
+    def measure_error() -> None:
+        app.view.measuring = not app.view.measuring
+
+    def converge() -> None:
+        app.view.converging = not app.view.converging
+
     return {
         "open": Command("Open…", open_, "Ctrl+O", tooltip="A USD stage, or a .vdb file on a default stage"),
         "reload": Command("Reload", reload, "Ctrl+R", has_document, tooltip="Read changed files again; edits stay"),
@@ -156,11 +163,9 @@ def make_commands(app: App, dialogs: Dialogs, leave: Callable[[Callable[[], None
         "gate_mask": Command(
             "Gate mask", gate_mask, "", has_document, lambda: app.view.gate_mask, "Darken what the camera does not see"
         ),
-        "toggle_coefficients": Command("6 | 14 coefficients", toggle_coefficients, "T", has_document),
-        "six": Command("6 coefficients", coefficients(6), "6", has_document, has_coefficients(6), "Interactive"),
-        "fourteen": Command(
-            "14 coefficients", coefficients(14), "4", has_document, has_coefficients(14), "High quality"
-        ),
+        "toggle_coefficients": Command("6 | 14 map values", toggle_coefficients, "T", has_document),
+        "six": Command("6 map values", coefficients(6), "6", has_document, has_coefficients(6), "Interactive"),
+        "fourteen": Command("14 map values", coefficients(14), "4", has_document, has_coefficients(14), "High quality"),
         "toggle_wipe": Command(
             "Wipe",
             compare("wipe"),
@@ -188,6 +193,22 @@ def make_commands(app: App, dialogs: Dialogs, leave: Callable[[Callable[[], None
         "play": Command("Play", play, "Space", animated, lambda: app.view.playing),
         "next_frame": Command("Next frame", lambda: app.step_time(1), "RightArrow", animated),
         "previous_frame": Command("Previous frame", lambda: app.step_time(-1), "LeftArrow", animated),
+        "measure_error": Command(
+            VIEW_BY_NAME["measure_error"].label,
+            measure_error,
+            "",
+            has_document,
+            lambda: app.view.measuring,
+            VIEW_BY_NAME["measure_error"].doc.rstrip("."),
+        ),
+        "converge": Command(
+            VIEW_BY_NAME["converge"].label,
+            converge,
+            "",
+            has_document,
+            lambda: app.view.converging,
+            VIEW_BY_NAME["converge"].doc.rstrip("."),
+        ),
         "auto_exposure": Command(
             "Auto exposure", auto_exposure, "X", has_document, tooltip="Expose for what is seen now"
         ),

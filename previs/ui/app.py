@@ -38,6 +38,7 @@ from .picture import Picture, Request
 from .playback import Playback
 from .preferences import Preferences
 from .recovery import Recovery, RecoveryState
+from .resting import Rest
 from .state import Inspection, Message, Timings, ViewState
 from .watching import FileWatch
 
@@ -79,8 +80,11 @@ class App:
             ocio_display=preferences.ocio_display,
             ocio_view=preferences.ocio_view,
             gate_mask=preferences.gate_mask,
+            measuring=preferences.measure_error,
+            converging=preferences.converge,
         )
         self.picture = Picture(context)
+        self.rest = Rest(self.picture)
         self.other: Picture | None = None
         self.display = DisplayPass(context)
         self.orbit: OrbitCamera | None = None
@@ -151,6 +155,7 @@ class App:
     def close_document(self) -> None:
         """Let go of the stage."""
         self._stop_playback()
+        self.rest.drop()
         self.picture.forget()
         if self.other is not None:
             self.other.release()
@@ -183,6 +188,8 @@ class App:
             ocio_display=kept.ocio_display,
             ocio_view=kept.ocio_view,
             gate_mask=kept.gate_mask,
+            measuring=kept.measuring,
+            converging=kept.converging,
             auto_exposure=True,
         )
         if document.time_range is not None:
@@ -371,7 +378,7 @@ class App:
         if self.document is None:
             return False
         pending = self.picture.pending(False) or (self.other is not None and self.other.pending(False))
-        return pending or time.monotonic() - self._moved < REST_SECONDS
+        return pending or self.rest.pending or time.monotonic() - self._moved < REST_SECONDS
 
     def tick(self) -> None:
         """What happens between two frames of the window. An error of ours is said and printed; the window stays."""
@@ -402,15 +409,30 @@ class App:
         moving = self._request_pictures(document, camera, now)
         hands_off = now - max(self.touched, self._moved) > HANDS_OFF_SECONDS
         seconds = HANDS_OFF_WORK_SECONDS if hands_off else WORK_SECONDS
-        if self.picture.work(seconds, moving) or self.picture.serial == 0:
-            self._first_look()
+        resting = self._may_rest(moving, hands_off)
+        # What is finer than what was asked for waits for hands that rest.
+        if resting or moving or not self.picture.refining or self.picture.pending(moving):
+            if self.picture.work(seconds, moving) or self.picture.serial == 0:
+                self._first_look()
         if self.other is not None and not self.picture.pending(moving):
             self._work_on_other(self.other, seconds, moving)
+        if resting and not self.picture.refining:
+            self.rest.work(seconds)
         self._inspect(document)
         self._show()
         self._write_export()
         if self.recovery.tick(self._recovery_state, now) or self.recovery.problem:
             self._warn_once(self.recovery.problem)
+
+    def _may_rest(self, moving: bool, hands_off: bool) -> bool:
+        """Whether the finished picture may be measured and refined now; what was begun is dropped where it is not."""
+        self.rest.measuring, self.picture.converging = self.view.measuring, self.view.converging
+        # By turns, two pictures take each other's voxels out of the atlas.
+        waits = self.other is not None and self.other.pending(False)
+        self.rest.check(moving or waits)
+        if waits:
+            self.picture.drop_refinement()
+        return hands_off and not (moving or waits or self.picture.pending(False) or self.loading is not None)
 
     def _work_on_other(self, other: Picture, seconds: float, moving: bool) -> None:
         try:
@@ -608,6 +630,8 @@ class App:
         if image is None:
             return
         path, self._export = self._export, None
+        if self.rest.estimate is not None:
+            image = image.with_error(self.rest.estimate)
         try:
             image.save(
                 path,
@@ -643,6 +667,7 @@ class App:
         """Put what belongs to the user, not to the stage, into the preferences and save them."""
         for name in ("color_correction", "ocio_display", "ocio_view", "gate_mask"):
             setattr(self.preferences, name, getattr(self.view, name))
+        self.preferences.measure_error, self.preferences.converge = self.view.measuring, self.view.converging
         try:
             self.preferences.save()
         except PrevisError as error:
@@ -658,6 +683,7 @@ class App:
             self.loading.cancel()
             self.loading.wait(2.0)
         self.close_document()
+        self.rest.release()
         self.picture.release()
         self.display.release()
         if clean:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui, implot
 
+from ..render.method import METHODS
+from ..settings import BY_NAME
 from . import widgets
 from .app import App
 from .knobs import number
@@ -22,9 +24,17 @@ Scale = Literal["linear", "log"]
 
 #: The lowest transmittance of the logarithmic plot.
 LOG_FLOOR = 1e-4
+#: The method whose curves need no name.
+DEFAULT_METHOD: str = BY_NAME["transmittance"].default
 _TRUTH = CURVES[0]
 #: The ends of the range that the first curve's map was stored over, mostly that of all.
 _MARK: Rgba = (0.72, 0.72, 0.72, 1.0)
+#: What to do about a curve that is off, by what its map holds.
+_ADVICE = {
+    "cosine": "Waves about the true curve are ringing: more coefficients or a larger threshold calm them.",
+    "quantile": "It is exact at as many depths as the map holds, and smooth between: more of them follow finer detail.",
+    None: "",
+}
 _CHANNELS: dict[str, str] = {"mean": "RGB", "red": "R", "green": "G", "blue": "B"}
 
 
@@ -69,7 +79,7 @@ def verdict(rms: float) -> str:
 
 def short_name(curve: ProbeCurve) -> str:
     """The curve in the legend."""
-    return f"{curve.coefficients}" if curve.method == "tfm" else f"{curve.method} {curve.coefficients}"
+    return f"{curve.coefficients}" if curve.method == DEFAULT_METHOD else f"{curve.method} {curve.coefficients}"
 
 
 def draw_inspector(app: App) -> None:
@@ -205,7 +215,8 @@ def _marks(probe: TransmittanceProbe, channel: Channel) -> None:
     paint = implot.get_plot_draw_list()
     limits = implot.get_plot_limits()
     implot.push_plot_clip_rect()
-    _across(paint, limits, probe.threshold, "T th")
+    if probe.threshold > 0.0:
+        _across(paint, limits, probe.threshold, "T th")
     spoken: list[float] = []
     for i, curve in enumerate(probe.curves):
         for k, name in ((curve.k_min, "k min"), (curve.k_max, "k max")):
@@ -284,5 +295,5 @@ def _draw_words(probe: TransmittanceProbe, channel: Channel) -> None:
         imgui.text_unformatted(f"RMS {rms:.2g}, {verdict(rms)}")
         tooltip(
             f"{curve.name}\nOff by {number(rms, 5)} along the ray (RMS), by {number(there - value, 5)} at the point."
-            "\nWaves about the true curve are ringing: more coefficients or a larger threshold calm them."
+            f"\n{_ADVICE[METHODS[curve.method].curve]}"
         )

@@ -532,36 +532,44 @@ PLACE: tuple[Knob, ...] = (
 _RENDER_LOOKS: Mapping[str, Mapping[str, Any]] = {
     "transmittance": {
         "label": "Transmittance",
-        "choice_labels": ("Adaptive maps (tfm)", "Plain maps (tfm-plain)", "March (reference)"),
+        "words": {
+            "quantile": "Maps of depths (quantile)",
+            "tfm": "Maps of cosines (tfm)",
+            "tfm-plain": "Plain cosines (tfm-plain)",
+            "march": "March (reference)",
+        },
     },
-    "coefficients": {"label": "Coefficients", "low": 2, "high": 16},
+    "coefficients": {"label": "Map values", "low": 2, "high": 16},
     "steps": {"label": "View steps", "low": 16, "high": 2048, "response": "log"},
     "light_steps": {"label": "Light steps", "low": 16, "high": 2048, "response": "log"},
     "map_size": {"label": "Map size", "low": 8, "high": 2048, "response": "log"},
     "threshold": {"label": "Threshold", "low": 1e-4, "high": 0.2, "response": "log", "decimals": 5},
     "density_weighting": {"label": "Density weight", "low": 1.0, "high": 8.0, "decimals": 2},
-    "map_filter": {"label": "Map filter", "choice_labels": ("Blend", "Nearest")},
+    "map_filter": {"label": "Map filter"},
     "shadow_map_size": {"label": "Shadow map", "low": 64, "high": 8192, "response": "log"},
     "projective_steps": {"label": "Projective steps"},
     "opacity_cutoff": {"label": "Opacity cutoff", "low": 1e-6, "high": 0.1, "response": "log", "decimals": 6},
     "ambient": {"label": "Ambient light", "low": 0.0, "high": 1.0, "decimals": 4},
     "antialias": {"label": "Antialiasing", "low": 1, "high": 4},
     "field_memory": {"label": "Field memory", "low": 16, "high": 4096, "response": "log"},
+    "error_pixels": {"label": "Error pixels", "low": 16, "high": 4096, "response": "log"},
 }
 
 
 def _of_setting(setting: Setting) -> Knob:
     kind: Kind = {bool: "bool", str: "choice", int: "int", float: "float"}[setting.type]
     looks = {"label": setting.name.replace("_", " ").capitalize(), **_RENDER_LOOKS.get(setting.name, {})}
+    words = looks.pop("words", {})
     return Knob(
         name=setting.name,
         kind=kind,
         doc=setting.doc,
         default=setting.default,
-        unit="" if setting.unit in ("texels", "radiance") else setting.unit,
+        unit="" if setting.unit in ("texels", "radiance", "pixels") else setting.unit,
         minimum=setting.minimum,
         maximum=setting.maximum,
         choices=setting.choices,
+        choice_labels=tuple(words.get(choice, choice.capitalize()) for choice in setting.choices),
         step=setting.step or 1,
         automatic=setting.automatic,
         **looks,
@@ -594,6 +602,21 @@ VIEW: tuple[Knob, ...] = (
         "sRGB",
         choices=("disabled", "sRGB", "openColorIO"),
         choice_labels=("None (linear)", "sRGB", "OpenColorIO"),
+    ),
+    Knob(
+        "measure_error",
+        "Measure error",
+        "bool",
+        "While nothing moves, measure how far the finished picture is from the truth, and say so below.",
+        True,
+    ),
+    Knob(
+        "converge",
+        "Converge at rest",
+        "bool",
+        "While nothing moves, go on beyond what the settings ask for: twice the steps and finer light maps each time, "
+        "to a brute-force march in the end. Off, the finished picture is what `previs record` writes.",
+        False,
     ),
 )
 

@@ -21,7 +21,7 @@ from ..index import RenderIndex
 from ..render.plan import Plan
 from ..render.renderer import Renderer, Samples, sample_shifts
 from ..settings import Settings
-from .refinement import Level, LevelName, Pace
+from .refinement import FINISHED, Level, LevelName, Pace, finer_levels
 
 #: Length of the pieces that a picture at rest is drawn in, so that the window can be drawn in between.
 PIECE_SECONDS = 0.008
@@ -72,6 +72,8 @@ class Picture:
         serial: moves with every picture shown.
         progress: done part of the picture being drawn, in [0, 1].
         latency: seconds from the arrival of the request shown to its first picture.
+        converging: whether levels beyond the final one are wanted; see `refine`.
+        refusal: why the levels beyond the final one end before the truth; "" where they do not.
     """
 
     def __init__(self, context: moderngl.Context, share: Picture | None = None) -> None:
@@ -88,12 +90,16 @@ class Picture:
         self.serial = 0
         self.progress = 0.0
         self.latency = 0.0
+        self.converging = False
+        self.refusal = ""
         self._wanted: Request | None = None
         self._arrived = 0.0
         self._shown: tuple[Request, Level] | None = None
         self._failed: Hashable = None
         self._drawing: _Drawing | None = None
         self._samples: Samples | None = None
+        self._image: Image | None = None
+        self._finer: tuple[Level, ...] = ()
         self._copy: moderngl.Framebuffer | None = None
 
     @property
@@ -108,13 +114,49 @@ class Picture:
 
     @property
     def finished(self) -> bool:
-        """Whether what is shown is the present request in its last level."""
-        return self._is_shown() and self.level == "final"
+        """Whether what is shown is the present request as its settings ask for it, or better where that is wanted."""
+        return self._is_shown() and (self.level == "final" or (self.converging and self.level in FINISHED))
 
     @property
     def current(self) -> bool:
         """Whether what is shown belongs to the present request, at whatever level."""
         return self._is_shown()
+
+    @property
+    def shown_settings(self) -> Settings | None:
+        """What the picture shown was drawn with; None before the first."""
+        return self._shown[1].settings if self._shown is not None else None
+
+    @property
+    def shown_request(self) -> Request | None:
+        """What the picture shown was asked for by; None before the first."""
+        return self._shown[0] if self._shown is not None else None
+
+    @property
+    def finer(self) -> tuple[int, int]:
+        """How many levels beyond the final one are shown, and how many there are."""
+        return (self._shown[1].number if self._shown is not None else 0), len(self._finer)
+
+    @property
+    def refining(self) -> bool:
+        """Whether a level beyond the final one is being drawn."""
+        return self._drawing is not None and self._drawing.level.number > 0
+
+    @property
+    def can_refine(self) -> bool:
+        """Whether `refine` would begin another level."""
+        if not (self.converging and self.finished) or self._drawing is not None or self.refusal:
+            return False
+        return self._failed is None and self.finer[0] < self.finer[1]
+
+    def refine(self) -> bool:
+        """Begin the next level beyond the final one, which `work` goes on with; returns whether there is one."""
+        return self.can_refine and self._start(self._finer[self.finer[0]])
+
+    def drop_refinement(self) -> None:
+        """Give up the level beyond the final one that is being drawn; `refine` begins it anew."""
+        if self.refining:
+            self._drop()
 
     def _is_shown(self) -> bool:
         return self._shown is not None and self._wanted is not None and self._shown[0].key == self._wanted.key
@@ -123,7 +165,7 @@ class Picture:
         """Ask for a picture; the same key again changes nothing."""
         if self._wanted is None or self._wanted.key != request.key:
             self._wanted, self._arrived = request, time.perf_counter()
-            self.error, self._failed = "", None
+            self.error, self._failed, self.refusal = "", None, ""
 
     def pending(self, moving: bool) -> bool:
         """Whether `work` has anything to do; while something moves a draft is enough."""
@@ -132,7 +174,7 @@ class Picture:
         # The first picture of a request that was taken back is still to come, and then this one again.
         if not self._is_shown() or (self._drawing is not None and self._drawing.first):
             return True
-        return not moving and self.level != "final"
+        return not moving and not self.finished
 
     def work(self, seconds: float, moving: bool) -> bool:
         """Draw for about so long; returns whether another picture is shown now.
@@ -148,7 +190,8 @@ class Picture:
         changed = False
         while True:
             if self._drawing is not None and not self._drawing.first:
-                if moving or self._wanted is None or self._drawing.request.key != self._wanted.key:
+                unwanted = self.refining and not self.converging
+                if moving or unwanted or self._wanted is None or self._drawing.request.key != self._wanted.key:
                     self._drop()
             if self._drawing is None and not (self.pending(moving) and self._start()):
                 return changed
@@ -164,16 +207,18 @@ class Picture:
             if spent + PIECE_SECONDS > patience:
                 return changed
 
-    def _start(self) -> bool:
-        """Begin the next level of the request; False when it cannot be drawn."""
+    def _start(self, level: Level | None = None) -> bool:
+        """Begin a level of the request, the next one by default; False when it cannot be drawn."""
         request = self._wanted
         assert request is not None
         width, height = request.size
         first = not self._is_shown()
         if first:
             level = self.pace.first(width, height, request.settings)
-        else:
-            level = self.pace.next(self.level, width, height, request.settings)
+        elif level is None:
+            # From beyond the final level, which is no longer wanted, the way is back to it.
+            reached = "medium" if self.level in FINISHED else self.level
+            level = self.pace.next(reached, width, height, request.settings)
         if level is None:
             return False
         renderer = self._draft if level.name == "draft" else self._final
@@ -181,7 +226,7 @@ class Picture:
         try:
             plan = renderer.plan(request.index, request.camera, *level.size(width, height), level.settings)
         except PrevisError as error:
-            self._fail(request, error)
+            self._fail(request, level, error)
             return False
         pieces = renderer.drawing(plan, PIECE_SECONDS, times)
         self._drawing = _Drawing(request, level, renderer, plan, pieces, times, self._arrived, first)
@@ -202,7 +247,7 @@ class Picture:
             pass
         except PrevisError as error:
             self._drawing = None
-            self._fail(drawing.request, error)
+            self._fail(drawing.request, drawing.level, error)
             return False
         except BaseException:
             # Asked again, the pieces would be at their end, and nothing was drawn.
@@ -212,7 +257,7 @@ class Picture:
         self._keep(drawing)
         drawing.seconds += time.perf_counter() - begin
         # Pictures that reuse most of their passes say nothing of the pace.
-        if any(name == "march" for name in drawing.renderer.executed):
+        if drawing.level.number == 0 and any(name == "march" for name in drawing.renderer.executed):
             samples = drawing.level.settings.antialias**2
             self.pace.measured(drawing.level, drawing.plan.width * drawing.plan.height * samples, drawing.seconds)
         if drawing.first:
@@ -220,11 +265,21 @@ class Picture:
             self.latency = time.perf_counter() - drawing.arrived
         self._shown, self._samples = (drawing.request, drawing.level), drawing.samples
         self.level, self.times, self.plan = drawing.level.name, drawing.times, drawing.plan
+        self._image = None
+        if self.level == "final":
+            plan = drawing.plan
+            self._finer = finer_levels(drawing.request.settings, plan.volumes, plan.map_size, len(plan.maps))
+        elif not drawing.level.number:
+            self._finer = ()
         self.progress = 1.0
         self.serial += 1
         return True
 
-    def _fail(self, request: Request, error: PrevisError) -> None:
+    def _fail(self, request: Request, level: Level, error: PrevisError) -> None:
+        if level.number:
+            # The picture has what was asked for, and keeps it.
+            self.refusal = str(error)
+            return
         # What is wrong with a request of the past is nothing to the present one, which is tried next.
         if self._wanted is not None and self._wanted.key == request.key:
             self.error, self._failed = str(error), request.key
@@ -273,16 +328,22 @@ class Picture:
         return np.frombuffer(data, np.float32).reshape(height, width, 3)[::-1].copy()
 
     def image(self) -> Image | None:
-        """The finished picture with all its planes, read back; None while it is not finished."""
-        # A drawing under way may have taken the place of its planes.
-        if not self.finished or self.plan is None or self._drawing is not None:
+        """The finished picture with all its planes, read back; None while it is not finished.
+
+        It is kept: a level beyond it that is being drawn may have taken the place of its planes, and where they were
+        not read before, there is no picture until that level is finished.
+        """
+        if not self.finished or self.plan is None:
             return None
-        return self._final.image(self.plan, self.times, self._samples)
+        if self._image is None and self._drawing is None:
+            self._image = self._final.image(self.plan, self.times, self._samples)
+        return self._image
 
     def forget(self) -> None:
         """Let go of the scene: nothing is shown until the next request."""
         self._drop()
-        self._wanted = self._shown = self._failed = self._samples = None
+        self._wanted = self._shown = self._failed = self._samples = self._image = None
+        self._finer = ()
         self.level, self.plan, self.error = "", None, ""
         for renderer in (self._final, self._draft):
             renderer.forget_scene()

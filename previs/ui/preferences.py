@@ -87,6 +87,8 @@ class Preferences:
         color_correction: "disabled", "sRGB" or "openColorIO".
         ocio_display, ocio_view: names of OpenColorIO, "" for the configuration's defaults.
         gate_mask: whether what lies outside a camera's aperture is darkened.
+        measure_error: whether the error of a picture at rest is measured.
+        converge: whether a picture at rest goes on to the truth.
         folder: where the file is.
         problem: one line about what could not be read, "" when all is well.
     """
@@ -96,6 +98,8 @@ class Preferences:
     ocio_display: str = ""
     ocio_view: str = ""
     gate_mask: bool = True
+    measure_error: bool = True
+    converge: bool = False
     folder: Path = field(default_factory=config_folder)
     problem: str = ""
 

@@ -2,16 +2,29 @@
 
 A draft is small and takes few steps, as small as the machine needs to keep up with a hand; then the whole picture with
 few steps; then what the settings ask for. Where the machine draws the full picture at once there is no ladder.
+
+Where that is asked for it goes on to the truth: finer levels, and at last the march that errors are measured against.
+Every level is a whole picture of its own, and every sample of a pixel takes all of its steps: the mean of many pictures
+of few jittered steps has a limit that is off, as the mean of exponentials is not the exponential of the mean.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from ..settings import Settings
+from ..description import Volume
+from ..render.measure import brute_force, converged
+from ..render.method import method_of
+from ..render.plan import steps_across
+from ..settings import BY_NAME, Settings
 
-LevelName = Literal["draft", "medium", "final"]
+LevelName = Literal["draft", "medium", "final", "finer", "exact"]
+
+#: Levels that show what the settings ask for, or better.
+FINISHED = ("final", "finer", "exact")
 
 #: Seconds that a draft may take; ten pictures a second with the window's own drawing on top.
 DRAFT_SECONDS = 0.055
@@ -26,7 +39,15 @@ STEADY = (0.35, 1.5)
 DIVISORS = (1, 2, 3, 4, 6, 8)
 #: What drafts are content with, where the settings ask for more or leave it to the plan (0).
 DRAFT_LIMITS = {"steps": 48, "light_steps": 48, "map_size": 96, "shadow_map_size": 1024, "antialias": 1}
+#: One texel of a map is enough for a draft: half the time for what its few pixels do not show.
+DRAFT_FILTER = "nearest"
 MEDIUM_STEPS = 64
+#: Finer levels go up to so many values of a map, and to maps of so many texels along a side and altogether.
+FINER_VALUES, FINER_MAP_SIZE, FINER_TEXELS = 14, 1024, 4 * 1024**2
+#: Their map is no smaller than this, and their view rays end where they transmit no more than that.
+FINER_LEAST_MAP, FINER_CUTOFF = 256, 1e-5
+#: A picture is as good as the truth where its mean relative error is below this for certain.
+CONVERGED_ERROR = 1e-3
 #: Seconds per pixel before anything was measured: a processor and a graphics card.
 FIRST_GUESS = {True: 1.0e-6, False: 2.0e-9}
 #: A final picture takes so many times longer per pixel than a draft, before it was measured.
@@ -37,12 +58,13 @@ FINAL_TO_DRAFT = 4.0
 class Level:
     """One step of the ladder: `divisor` pixels of the view along each side of a pixel drawn.
 
-    The settings' `antialias` is 1 but in a final level.
+    The settings' `antialias` is 1 but in a final level and those after it, which are counted by `number` from 1.
     """
 
     name: LevelName
     divisor: int
     settings: Settings
+    number: int = 0
 
     def size(self, width: int, height: int) -> tuple[int, int]:
         """(width, height) of the picture drawn for a view of that many pixels."""
@@ -83,7 +105,7 @@ class Pace:
 
     def next(self, reached: LevelName, width: int, height: int, settings: Settings) -> Level | None:
         """The level after one that was reached; None after the last."""
-        if reached == "final":
+        if reached in FINISHED:
             return None
         slow = self.seconds("final", width * height * settings.antialias**2) > NO_MEDIUM_SECONDS
         if reached == "draft" and slow and settings.transmittance != "march" and _many_steps(settings):
@@ -99,9 +121,69 @@ def final(settings: Settings) -> Level:
 def draft_settings(settings: Settings) -> Settings:
     """The settings of a draft. Light is never marched in it: a map of it is filled sooner."""
     values = {name: min(settings[name] or limit, limit) for name, limit in DRAFT_LIMITS.items()}
-    if settings.transmittance == "march":
-        values["transmittance"] = "tfm"
-    return settings.replace(**values)
+    if not method_of(settings).has_maps:
+        values["transmittance"] = BY_NAME["transmittance"].default
+    return settings.replace(**values, map_filter=DRAFT_FILTER)
+
+
+def finer_levels(settings: Settings, volumes: Sequence[Volume], map_size: int = 0, maps: int = 0) -> tuple[Level, ...]:
+    """The levels after the final one, on the way to the truth: each has a smaller error than the one before it.
+
+    Each takes twice the steps of the one before, more values, and larger maps. The last one is the truth that errors
+    are measured against: light by brute force, converged steps. All have the settings' samples per pixel, each of them
+    with all of the level's steps.
+
+    Args:
+        settings: what the final level is drawn with.
+        volumes: that it shows.
+        map_size, maps: texels along the side of its transmittance maps, and how many there are.
+
+    Returns:
+        The levels; none where the settings are the truth already, or nothing is marched through.
+    """
+    if not volumes:
+        return ()
+    truth = converged(settings, list(volumes))
+    if truth == settings:
+        return ()
+    steps = max(steps_across(v, settings.steps) for v in volumes)
+    doublings = 1
+    while steps * 2**doublings < truth.steps:
+        doublings += 1
+    levels = []
+    for number in range(1, doublings):
+        found = _finer(settings, volumes, number / (doublings - 1), _larger(map_size, maps, 2**number))
+        found = found.replace(steps=steps * 2**number, opacity_cutoff=min(settings.opacity_cutoff, FINER_CUTOFF))
+        levels.append(Level("finer", 1, found, number))
+    return (*levels, Level("exact", 1, truth, len(levels) + 1))
+
+
+def _finer(settings: Settings, volumes: Sequence[Volume], part: float, map_size: int) -> Settings:
+    """Better ways for light: maps of more values by the part of the way to the most; a march stays one."""
+    if not method_of(settings).has_maps:
+        return brute_force(settings, list(volumes))
+    least = settings.coefficients
+    more = max(FINER_VALUES - least, 0) / 2.0
+    grids = [v for v in volumes if v.density is not None]
+    return settings.replace(
+        transmittance=BY_NAME["transmittance"].default,
+        map_filter="blend",
+        coefficients=least + 2 * math.ceil(part * more),
+        map_size=map_size,
+        light_steps=max((2 * steps_across(v, 0) for v in grids), default=0),
+        threshold=0.0,
+        density_weighting=0.0,
+    )
+
+
+def _larger(size: int, maps: int, factor: int) -> int:
+    """The size of maps that are larger by a factor, as far as there is room for so many; 0 without maps."""
+    if not maps or not size:
+        return 0
+    wanted = max(min(size * factor, FINER_MAP_SIZE), FINER_LEAST_MAP)
+    while wanted > size and maps * wanted * wanted > FINER_TEXELS:
+        wanted //= 2
+    return max(wanted, size)
 
 
 def _many_steps(settings: Settings) -> bool:

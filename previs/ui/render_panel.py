@@ -8,9 +8,10 @@ from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..errors import PrevisError
 from ..io import ColorViews, color_views
+from ..render.method import method_of
 from . import widgets
 from .app import App
-from .knobs import RENDER, RENDER_BY_NAME, VIEW_BY_NAME, Knob
+from .knobs import RENDER, RENDER_BY_NAME, VIEW_BY_NAME, Knob, number
 from .state import COMPARISONS
 from .theme import ACCENT, ERROR, FRAME, FRAME_HOVERED, INK, TEXT, dim, em, packed, tooltip
 from .widgets import Binding
@@ -35,6 +36,8 @@ def draw_render(app: App) -> None:
                 _draw_setting(app, knob)
     imgui.separator_text("Display")
     _draw_display(app)
+    imgui.separator_text("At rest")
+    _draw_rest(app)
     imgui.separator_text("Compare")
     _draw_compare(app)
     imgui.separator_text("Inspect")
@@ -47,10 +50,11 @@ def draw_render(app: App) -> None:
 def _draw_switch(app: App) -> None:
     """6 | 14, large. Another number, set under "More", has a place of its own between."""
     now = app.document.settings.coefficients
-    plain = app.document.settings.transmittance == "march"
+    method = method_of(app.document.settings)
+    plain = not method.has_maps
     values = [6, 14] if now in (6, 14) else sorted([6, now, 14])
     described = {6: "interactive", 14: "high quality"}
-    imgui.separator_text("Coefficients" if not plain else "Coefficients, not needed by the march")
+    imgui.separator_text(f"Map values: {method.values}" if not plain else "Map values, not needed by the march")
     width, height = imgui.get_content_region_avail().x, em(3.1)
     each = width / len(values)
     paint, rounding = imgui.get_window_draw_list(), imgui.get_style().frame_rounding
@@ -73,7 +77,7 @@ def _draw_switch(app: App) -> None:
         _centred(described.get(value, "your own"), lo, hi, 0.76, ink, 0.82)
         if value in (6, 14):
             keys = "6" if value == 6 else "4"
-            tooltip(f"{value} coefficients (key {keys}, T toggles)\n{RENDER_BY_NAME[_SWITCHED].doc}")
+            tooltip(f"{value} {method.values or 'map values'} (key {keys}, T toggles)\n{RENDER_BY_NAME[_SWITCHED].doc}")
         if clicked and value != now:
             _set(app, RENDER_BY_NAME[_SWITCHED], value)
 
@@ -104,12 +108,24 @@ def _authored_settings(app: App) -> dict[str, Any]:
     return _authored[1]
 
 
+def _come_to(app: App, name: str) -> float | None:
+    """What the plan of the picture has made of an automatic value; None where that differs from map to map."""
+    plan = app.picture.plan
+    if plan is None or not plan.maps or app.picture.level != "final" or not app.picture.current:
+        return None
+    if name == "map_size":
+        return plan.map_size
+    found = {"threshold": {m.threshold for m in plan.maps}, "density_weighting": {m.weighting for m in plan.maps}}
+    values = found.get(name, set())
+    return values.pop() if len(values) == 1 else None
+
+
 def _draw_setting(app: App, knob: Knob) -> None:
     document = app.document
     hint = ""
-    plan = app.picture.plan
-    if knob.name == "map_size" and document.settings.map_size == 0 and app.picture.finished and plan and plan.maps:
-        hint = f"auto · {plan.map_size}"
+    if knob.automatic and document.settings[knob.name] == 0:
+        come_to = _come_to(app, knob.name)
+        hint = f"auto · {number(come_to, knob.decimals)}" if come_to is not None else ""
     binding = Binding(
         value=document.settings[knob.name],
         write=lambda value: _set(app, knob, value),
@@ -171,6 +187,19 @@ def _draw_ocio(view: Any) -> None:
     if picked is not None:
         view.ocio_display, view.ocio_view = display, picked
     tooltip(f"{shown}\n{hint}")
+
+
+def _draw_rest(app: App) -> None:
+    view = app.view
+
+    def measure(value: bool) -> None:
+        view.measuring = value
+
+    def converge(value: bool) -> None:
+        view.converging = value
+
+    widgets.draw(app, VIEW_BY_NAME["measure_error"], Binding(view.measuring, measure, undoable=False))
+    widgets.draw(app, VIEW_BY_NAME["converge"], Binding(view.converging, converge, undoable=False))
 
 
 # --- compare and inspect ----------------------------------------------------------------------------------------------

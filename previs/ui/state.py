@@ -12,7 +12,7 @@ CompareWith = Literal["coefficients", "march", "before"]
 
 #: What the second picture is, in the order of the menu.
 COMPARISONS: dict[CompareWith, str] = {
-    "coefficients": "the other number of coefficients",
+    "coefficients": "the other number of map values",
     "march": "the reference march",
     "before": "before the last edit",
 }
@@ -36,6 +36,8 @@ class ViewState:
         exposure: stops. `auto_exposure` sets it once from the next finished picture and then clears itself.
         color_correction: "disabled", "sRGB" or "openColorIO", with `ocio_display` and `ocio_view` ("" = default).
         gate_mask: darken what lies outside the aperture of the camera looked through.
+        measuring: the error of a picture at rest is measured.
+        converging: a picture at rest goes on to the truth, beyond what the settings ask for.
         solo: path of the only light that shines, "" for all.
         compare, compare_with: whether and with what the picture is compared; `divider` in [0, 1] of the width.
         inspecting: a click inspects transmittance instead of selecting.
@@ -51,6 +53,8 @@ class ViewState:
     ocio_display: str = ""
     ocio_view: str = ""
     gate_mask: bool = True
+    measuring: bool = True
+    converging: bool = False
     solo: str = ""
     compare: CompareMode = "off"
     compare_with: CompareWith = "coefficients"

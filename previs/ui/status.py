@@ -9,8 +9,11 @@ from typing import Any
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..description import Note, SceneDescription
+from ..meter import ErrorEstimate, Estimate
 from ..render.plan import Plan
 from .app import App
+from .picture import Picture
+from .resting import Rest
 from .theme import ACCENT, DIM, ERROR, FRAME, GOOD, TEXT, WARNING, Rgba, close_on_escape, em, packed, tooltip
 
 #: Colours and names of the kinds of passes, in the order of a frame.
@@ -79,6 +82,62 @@ def short_count(number: int) -> str:
     return str(number)
 
 
+def percent(value: float) -> str:
+    """A relative error to read, without the sign: two digits, and no more than four after the point."""
+    found = 100.0 * value
+    if not math.isfinite(found):
+        return "–"
+    if 0.0 < found < 1e-4:
+        return "<0.0001"
+    places = max(0, min(4, 1 - math.floor(math.log10(found)))) if found > 0.0 else 0
+    text = f"{found:.{places}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def error_words(estimate: ErrorEstimate) -> str:
+    """The measured error in short: its mean with the ends of its interval, and the PSNR."""
+    mean, level = estimate.mean_relative_error, estimate.psnr.value
+    if mean.high <= 0.0:
+        return "error 0 %"
+    decibels = f", {level:.0f} dB" if math.isfinite(level) else ""
+    return f"error {percent(mean.value)} % ({percent(mean.low)}–{percent(mean.high)}){decibels}"
+
+
+def error_hint(estimate: ErrorEstimate) -> str:
+    """What the measured error is made of, and how it was found."""
+
+    def ends(found: Estimate) -> str:
+        return f"{percent(found.value)} % ({percent(found.low)} to {percent(found.high)})"
+
+    light, view, whole = (p.mean_relative_error for p in (estimate.light, estimate.view, estimate))
+    lines = [
+        f"Mean error of the picture: {ends(whole)}",
+        f"    of the light's way in: {ends(light)}",
+        f"    of the view's steps: {ends(view)}",
+    ]
+    if math.isfinite(estimate.psnr.value):
+        psnr = estimate.psnr
+        lines.append(f"PSNR {psnr.value:.1f} dB ({psnr.low:.1f} to {psnr.high:.1f})")
+    way = f"{estimate.light_steps} steps" if estimate.light_steps else "from voxel to voxel"
+    lines += [
+        "In brackets: where it is with 95 % certainty.",
+        "",
+        f"Measured at {estimate.pixels} random pixels in {duration(estimate.seconds)}, against a brute-force march:",
+        f"{estimate.steps} steps across a volume, {way} towards every light.",
+        "More map values lower the light's part, more view steps the view's.",
+    ]
+    return "\n".join(lines)
+
+
+def level_words(picture: Picture, rest: Rest) -> str:
+    """Which level of a finished picture is on the screen."""
+    number, count = picture.finer
+    if picture.level == "exact":
+        return "exact"
+    words = f"finer {number} of {count}" if number else "finished"
+    return f"{words}, converged" if picture.converging and rest.converged else words
+
+
 def voxel_count(description: SceneDescription) -> int:
     """Active voxels of all fields, those used more than once counted once."""
     counted: dict[Any, int] = {}
@@ -110,6 +169,7 @@ def draw_status(app: App) -> None:
     right = _right(app)
     _part(duration(total) if picture.times else "–", "Time of the picture shown", first=True, room=right)
     _draw_progress(app, right)
+    _draw_error(app.rest, right)
     ran = "What ran again for the last change:\n" + "\n".join(picture.executed)
     _part(f"ran: {what_ran(picture.executed)}", ran, room=right)
     if picture.plan is not None:
@@ -181,12 +241,43 @@ def _draw_progress(app: App, room: float) -> None:
             imgui.text_unformatted(f"compared: {other.level or 'first picture'}, {100.0 * other.progress:.0f} %")
             tooltip("The picture has its full quality; the one that it is compared with is still being drawn.")
         else:
-            imgui.text_colored(ImVec4(*GOOD), "finished")
-            tooltip("The picture has its full quality.")
+            _draw_finished(app)
     else:
         level = picture.level or "first picture"
         imgui.text_unformatted(f"{level}, {100.0 * picture.progress:.0f} %")
         tooltip("The level that is shown, and how far the next one is. Draft and medium use fewer pixels and steps.")
+
+
+def _draw_finished(app: App) -> None:
+    picture = app.picture
+    imgui.text_colored(ImVec4(*GOOD), level_words(picture, app.rest))
+    if not picture.converging:
+        tooltip("The picture has its full quality: what `previs record` writes for these settings.")
+        return
+    settings = picture.shown_settings
+    hint = "The picture converges to the truth while nothing moves (Render > Converge at rest)."
+    if settings is not None and picture.finer[0]:
+        way = f"maps of {settings.coefficients} values" if settings.transmittance != "march" else "a brute-force march"
+        hint += f"\nShown: {settings.steps} view steps, {way}."
+    if picture.refusal:
+        hint += f"\nIt ends here: {picture.refusal}"
+    tooltip(hint)
+    if picture.refining:
+        imgui.same_line(0.0, em(0.5))
+        imgui.text_disabled(f"next {100.0 * picture.progress:.0f} %")
+        tooltip("How far the next, finer picture is. It waits while the mouse moves.")
+
+
+def _draw_error(rest: Rest, room: float) -> None:
+    """The measured error of the picture on the screen, or how far its measurement is."""
+    if rest.estimate is not None:
+        _part(error_words(rest.estimate), error_hint(rest.estimate), room=room)
+    elif rest.problem:
+        _part("error unknown", rest.problem, room=room)
+    elif rest.wants_measuring:
+        imgui.push_style_color(imgui.Col_.text, ImVec4(*DIM))
+        _part("error …", f"Being measured while nothing moves: {100.0 * rest.progress:.0f} %", room=room)
+        imgui.pop_style_color()
 
 
 def _draw_contents(description: SceneDescription, room: float) -> None:

@@ -7,6 +7,7 @@ from imgui_bundle import ImVec2, hello_imgui, icons_fontawesome_4, imgui
 
 from ..description import Camera
 from ..render.display import Compare, error_colormap, error_scale
+from ..render.method import method_of
 from .app import App
 from .picking import project
 
@@ -243,15 +244,16 @@ def comparison_names(app: App) -> tuple[str, str]:
     """What the picture and the one that it is compared with are, in a few words."""
     assert app.document is not None
     settings = app.document.settings
-    method = settings.transmittance
+    transmittance = settings.transmittance
 
     def name(values) -> str:
-        return values.transmittance if values.transmittance == "march" else f"{values.coefficients} coefficients"
+        method = method_of(values)
+        return f"{values.coefficients} {method.values}" if method.has_maps else method.name
 
     if app.view.compare_with == "before":
         return "now", "before"
     other = app.compared_settings(settings)
-    if method == other.transmittance == "march":
+    if transmittance == other.transmittance == "march":
         return "march", "march"
     return name(settings), name(other)
 

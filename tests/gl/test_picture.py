@@ -107,7 +107,7 @@ def test_while_something_moves_a_draft_is_enough(picture: Picture) -> None:
 
 def test_a_draft_takes_few_steps_whatever_is_asked_for() -> None:
     draft = draft_settings(KNOBS.replace(steps=0, transmittance="march", map_size=512))
-    assert (draft.steps, draft.transmittance, draft.map_size) == (48, "tfm", 96)
+    assert (draft.steps, draft.transmittance, draft.map_size) == (48, Settings().transmittance, 96)
 
 
 def test_a_fast_machine_has_no_ladder(picture: Picture) -> None:

@@ -26,6 +26,7 @@ from previs import reference as ref
 from previs.bench.reference_scene import reference_scene
 from previs.description import Light, Medium, SceneDescription, volume_world_bounds
 from previs.render import probe as probe_module
+from previs.render.method import THRESHOLD, THRESHOLD_INSIDE
 from previs.render.probe import ProbeCurve, TransmittanceProbe, probe
 from previs.settings import Settings
 
@@ -93,7 +94,7 @@ def test_several_volumes_multiply(renderer):
     found = probe(renderer, index_of(description), Settings(), "/Sun", np.array([2.6, 0.2, 0.1]))
     expected = truth(description, description.lights["/Sun"], found)
     np.testing.assert_allclose(found.march.transmittance, expected, atol=1e-3)
-    np.testing.assert_allclose(curve(found, "tfm, 14 coefficients").transmittance, expected, atol=0.03)
+    np.testing.assert_allclose(curve(found, "quantile, 14 depths").transmittance, expected, atol=0.03)
     assert expected[-1].max() < 0.9 * expected[len(expected) // 2].max()
     # Distances count from where the ray enters the first volume; this one starts a little before it.
     assert found.distance[0] < 0.0 < found.distance[1] - found.distance[0]
@@ -134,11 +135,13 @@ def test_a_scene_far_from_the_origin(renderer):
 @pytest.mark.parametrize("kind", LIGHTS)
 def test_the_reconstructions_follow_the_curve(renderer, kind):
     found = probe(renderer, index_of(scene(cloud(size=48), LIGHTS[kind])), Settings(), "/Light", np.zeros(3))
-    assert [c.name for c in found.curves] == ["tfm, 6 coefficients", "tfm, 14 coefficients"]
-    assert error(found, "tfm, 6 coefficients") < 0.03
-    assert error(found, "tfm, 14 coefficients") < 0.01
+    assert [c.name for c in found.curves] == ["quantile, 6 depths", "quantile, 14 depths"]
+    assert error(found, "quantile, 6 depths") < 0.03
+    assert error(found, "quantile, 14 depths") < 0.01
     assert found.volume == "/Cloud"
-    assert found.threshold == Settings().threshold
+    assert found.threshold == (THRESHOLD_INSIDE if kind == "point inside" else THRESHOLD)
+    given = Settings(threshold=0.03)
+    assert probe(renderer, index_of(scene(cloud(), LIGHTS[kind])), given, "/Light", np.zeros(3)).threshold == 0.03
 
 
 @pytest.mark.parametrize("light", ["/World/Sun", "/World/Spot"])
@@ -152,7 +155,7 @@ def test_more_coefficients_are_nearer_on_the_plume(renderer, light):
         at = lo + (hi - lo) * [0.5, height, 0.5]
         found = probe(renderer, index_of(description), Settings(), light, at)
         assert found.march.transmittance.min() < 0.99
-        errors.append([error(found, f"tfm, {n} coefficients") for n in (6, 14)])
+        errors.append([error(found, f"quantile, {n} depths") for n in (6, 14)])
     assert all(fine < coarse for coarse, fine in errors)
     coarse, fine = np.mean(errors, axis=0)
     assert fine < 0.6 * coarse
@@ -163,14 +166,15 @@ def test_more_coefficients_are_nearer_on_the_plume(renderer, light):
     ("values", "name"),
     [
         ({"transmittance": "tfm-plain"}, "tfm-plain, 6 coefficients"),
-        ({"coefficients": 4}, "tfm, 4 coefficients"),
+        ({"transmittance": "tfm"}, "tfm, 6 coefficients"),
+        ({"coefficients": 4}, "quantile, 4 depths"),
         ({"transmittance": "tfm-plain", "coefficients": 14}, "tfm-plain, 14 coefficients"),
     ],
 )
 def test_the_current_settings_have_a_curve_of_their_own(renderer, values, name):
     description = scene(cloud(), LIGHTS["distant"])
     found = probe(renderer, index_of(description), Settings(**values), "/Light", np.zeros(3))
-    assert [c.name for c in found.curves] == ["tfm, 6 coefficients", "tfm, 14 coefficients", name]
+    assert [c.name for c in found.curves] == ["quantile, 6 depths", "quantile, 14 depths", name]
     assert error(found, name) < 0.06
     assert found.curves[-1].k_min < found.curves[-1].k_max
 
@@ -197,7 +201,7 @@ def test_the_range_of_a_thin_medium_is_its_support(renderer):
 
 
 @pytest.mark.parametrize("kind", LIGHTS)
-@pytest.mark.parametrize("method", ["tfm", "tfm-plain"])
+@pytest.mark.parametrize("method", ["quantile", "tfm", "tfm-plain"])
 def test_only_the_texels_that_are_looked_at_are_filled(renderer, kind, method, monkeypatch):
     index, settings = index_of(scene(cloud(), LIGHTS[kind])), Settings(transmittance=method, coefficients=8)
     at = np.array([0.31, -0.27, 0.44])
@@ -232,6 +236,16 @@ def test_the_maps_are_those_of_all_lights(renderer):
     explicit = probe(renderer, one, Settings(map_size=sizes[0]), "/L0", at).curves[0].transmittance
     np.testing.assert_array_equal(curves[0], explicit)
     assert np.abs(curves[0] - curves[1]).max() > 1e-5
+
+
+def test_a_random_neighbour_is_shown_by_its_mean(renderer):
+    index = index_of(scene(cloud(), LIGHTS["distant"]))
+    at = np.array([0.31, -0.27, 0.44])
+    blend, random = (
+        probe(renderer, index, Settings(map_filter=f), "/Light", at).curves[0].transmittance
+        for f in ("blend", "stochastic")
+    )
+    np.testing.assert_array_equal(blend, random)
 
 
 def test_homogeneous_media_need_no_map(renderer):
