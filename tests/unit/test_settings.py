@@ -71,11 +71,11 @@ def test_text_becomes_the_type_of_the_knob(name, text, value):
         ("antialias", "1.5", "a whole number from 1 to 16"),
         ("steps", float("inf"), "0 or a whole number"),
         ("steps", float("nan"), "0 or a whole number"),
-        ("threshold", "nan", "a number from 1e-06 to 0.5"),
+        ("threshold", "nan", "0 or a number from 1e-06 to 0.5"),
         ("ambient", -0.5, "a number of 0 or more"),
         ("projective_steps", "maybe", "true or false"),
-        ("transmittance", "TFM", "one of tfm, tfm-plain"),
-        ("map_filter", "", "one of blend, nearest"),
+        ("transmittance", "TFM", "one of quantile, tfm, tfm-plain, march"),
+        ("map_filter", "", "one of blend, stochastic, nearest"),
     ],
 )
 def test_an_illegal_value_is_named_with_what_would_be_legal(name, value, accepted):
