@@ -55,7 +55,7 @@ def test_every_filter_has_a_number_of_its_own(choice: str) -> None:
 
 @pytest.mark.parametrize(("coefficients", "layers"), [(2, 1), (4, 2), (6, 2), (8, 3), (10, 3), (14, 4), (16, 5)])
 def test_a_texel_holds_its_values_and_two_more(coefficients: int, layers: int) -> None:
-    """Two for the end of the range and what lies behind it; in vectors of four half floats, and four floats of range."""
+    """Two more for the end of the range and what lies behind it; all in vectors of four half floats."""
     settings = Settings(coefficients=coefficients)
     for method in METHODS.values():
         assert method.layers(settings) == layers
