@@ -29,7 +29,7 @@ def reference_scene(scene: SceneDescription, settings: Settings | None = None) -
     """The scene; of the settings the ambient light counts.
 
     Raises:
-        ValueError: for what the reference does not model: colours per vertex, specular surfaces.
+        ValueError: for what the reference does not model: specular surfaces.
     """
     ambient = np.full(3, (settings or Settings()).ambient)
     for light in scene.lights.values():
@@ -125,13 +125,20 @@ def _light(light: Light) -> ref.DistantLight | ref.PointLight:
 
 
 def _solid(mesh: Mesh) -> ref.Triangles:
-    if mesh.geometry.colors is not None or mesh.surface.specular:
-        raise ValueError(f"{mesh.path}: the reference has one Lambertian colour per mesh")
-    corners = [
-        transform_points(mesh.geometry.points[mesh.geometry.triangles].reshape(-1, 3), matrix).reshape(-1, 3, 3)
-        for matrix in mesh.local_to_world
-    ]
-    return ref.Triangles(np.concatenate(corners), mesh.surface.diffuse_color, mesh.surface.emissive_color)
+    if mesh.surface.specular:
+        raise ValueError(f"{mesh.path}: the reference has no specular surfaces")
+    geometry = mesh.geometry
+    corners, normals = [], []
+    for matrix in mesh.local_to_world:
+        corners.append(transform_points(geometry.points, matrix)[geometry.triangles])
+        # Row vectors: normals go with the inverse transpose.
+        turned = np.asarray(geometry.normals, float) @ np.linalg.inv(np.asarray(matrix, float)[:3, :3]).T
+        turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-300)
+        normals.append(turned[geometry.triangles])
+    albedo = np.asarray(mesh.surface.diffuse_color, float)
+    if geometry.colors is not None:
+        albedo = np.tile(albedo * geometry.colors[geometry.triangles], (len(corners), 1, 1))
+    return ref.Triangles(np.concatenate(corners), albedo, mesh.surface.emissive_color, np.concatenate(normals))
 
 
 def reference_image(

@@ -65,6 +65,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--paper-only", action="store_true", help="the tables of the papers alone")
     parser.add_argument(
+        "--truth",
+        action="store_true",
+        help="print how far small pictures are from the float64 reference, with 20 random scenes; minutes",
+    )
+    parser.add_argument(
         "--hard", action="store_true", help="print the table of hard cases alone; exit status 1 when one fails"
     )
 
@@ -75,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.hard:
         return _hard(arguments.methods)
+    if arguments.truth:
+        return _truth(arguments.stages, arguments.methods, arguments.imageWidth)
     others = _others(arguments)
     try:
         from ..bench import paper, plots, report  # noqa: F401
@@ -153,6 +160,26 @@ def _hard(methods: list[str] | None) -> int:
                 line.clear()
     print(hard.table(outcomes))
     return 1 if any(outcome.verdict == "FAIL" for outcome in outcomes) else 0
+
+
+def _truth(stages: list[str], methods: list[str] | None, width: int | None) -> int:
+    from ..bench import truth
+    from ..render.renderer import Renderer
+
+    line = _Line() if sys.stderr.isatty() else None
+
+    def progress(name: str) -> None:
+        if line is not None:
+            line(name, 0, 1)
+
+    with Renderer() as renderer:
+        try:
+            found = truth.measure(renderer, stages or None, 20, methods, width or truth.WIDTH, progress)
+        finally:
+            if line is not None:
+                line.clear()
+    print(truth.table(found))
+    return 0
 
 
 class _Line:

@@ -151,11 +151,11 @@ def _surface_radiance(
     scene: Scene, solids: SolidSet, points: np.ndarray, directions: np.ndarray, triangle: np.ndarray
 ) -> np.ndarray:
     """Radiance (M, 3) that Lambertian surfaces send against the camera rays."""
-    albedo, radiance = solids.albedo[triangle], solids.emission[triangle].copy()
+    albedo, normal = solids.surface_at(points, triangle)
+    radiance = solids.emission[triangle].copy()
     radiance += albedo * scene.ambient
     if not np.any(albedo > 0.0):
         return radiance
-    normal = solids.normal[triangle]
     normal = normal * -np.sign(np.einsum("ij,ij->i", normal, directions))[:, None]
     for light in scene.lights:
         irradiance, travel, _ = light.illuminate(points)

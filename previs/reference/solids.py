@@ -22,13 +22,16 @@ _SLACK = 1e-12
 class Triangles:
     """Triangles in world space, `points` (T, 3, 3), seen from both sides.
 
-    Lambertian with `albedo` RGB in [0, 1] (default 0, black), emitting `emission` RGB radiance (default 0).
-    Raises ValueError for another shape or points that are not finite.
+    Lambertian with `albedo` RGB in [0, 1] (default 0, black), one for all or (T, 3, 3) at the corners and linear
+    between, emitting `emission` RGB radiance (default 0). Lit as if they faced along `normals`, unit vectors (T, 3, 3)
+    at the corners and linear between; None takes those of the triangles.
+    Raises ValueError for another shape, values outside their range, or points that are not finite.
     """
 
     points: np.ndarray
     albedo: ColorLike = 0.0
     emission: ColorLike = 0.0
+    normals: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points, float)
@@ -37,7 +40,17 @@ class Triangles:
         if not np.all(np.isfinite(points)):
             raise ValueError(f"{np.count_nonzero(~np.isfinite(points))} coordinates of the triangles are not finite.")
         object.__setattr__(self, "points", points)
-        object.__setattr__(self, "albedo", checks.color(self.albedo, "albedo", 0.0, 1.0))
+        albedo = np.asarray(self.albedo, float)
+        if albedo.ndim < 2:
+            albedo = np.broadcast_to(checks.color(self.albedo, "albedo", 0.0, 1.0), points.shape)
+        if albedo.shape != points.shape or not np.all((albedo >= 0.0) & (albedo <= 1.0)):
+            raise ValueError("albedo must be one colour, or one per corner (T, 3, 3), within [0, 1].")
+        object.__setattr__(self, "albedo", albedo)
+        if self.normals is not None:
+            normals = np.asarray(self.normals, float)
+            if normals.shape != points.shape or not np.all(np.isfinite(normals)):
+                raise ValueError("normals must be finite and have one vector per corner (T, 3, 3).")
+            object.__setattr__(self, "normals", normals)
         object.__setattr__(self, "emission", checks.color(self.emission, "emission"))
 
 
@@ -62,7 +75,7 @@ class SolidSet:
         none = np.zeros((0, 3))
         counts = [len(s.points) for s in solids]
         points = np.concatenate([np.zeros((0, 3, 3)), *(s.points for s in solids)])
-        self.albedo = np.concatenate([none, *(np.tile(s.albedo, (n, 1)) for s, n in zip(solids, counts, strict=True))])
+        self._albedo = np.concatenate([np.zeros((0, 3, 3)), *(s.albedo for s in solids)])
         self.emission = np.concatenate(
             [none, *(np.tile(s.emission, (n, 1)) for s, n in zip(solids, counts, strict=True))]
         )
@@ -80,6 +93,11 @@ class SolidSet:
         self._cross, self._offset = cross, np.einsum("ij,ij->i", cross, v0)
         self._v1, self._v2 = np.cross(self._e1, v0), np.cross(self._e2, v0)
         self.normal = cross / np.maximum(length, 1e-300)[:, None]
+        facing = np.repeat(self.normal[:, None], 3, axis=1)
+        for first, solid in zip(np.cumsum([0, *counts[:-1]]), solids, strict=True):
+            if solid.normals is not None:
+                facing[first : first + len(solid.points)] = solid.normals
+        self._facing = facing
         self.size = max(float(np.linalg.norm(self.hi - self.lo)), 1e-300)
         self._edges = self._shared_edges()
 
@@ -111,6 +129,21 @@ class SolidSet:
             found = t[np.arange(len(t)), best]
             distance[part], index[part] = found, np.where(np.isfinite(found), best, -1)
         return distance, index
+
+    def surface_at(self, points: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Albedo (M, 3) and unit normal (M, 3) at points (M, 3) of the triangles of these numbers (M,)."""
+        if self.count == 0:
+            return np.zeros((len(points), 3)), np.zeros((len(points), 3))
+        offset = points - self.points[index, 0]
+        cross = self._cross[index]
+        square = np.maximum(np.einsum("ij,ij->i", cross, cross), 1e-300)
+        u = np.einsum("ij,ij->i", np.cross(offset, self._e2[index]), cross) / square
+        v = np.einsum("ij,ij->i", np.cross(self._e1[index], offset), cross) / square
+        weights = np.stack([1.0 - u - v, u, v], axis=1)[:, :, None]
+        normal = np.sum(weights * self._facing[index], axis=1)
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        normal = np.where(length > 1e-12, normal / np.maximum(length, 1e-300), self.normal[index])
+        return np.sum(weights * self._albedo[index], axis=1), normal
 
     def visible(self, origins: np.ndarray, directions: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """Whether nothing stands between each origin and `distance` along its direction, ends excluded (M,) bool."""

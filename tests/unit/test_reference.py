@@ -503,13 +503,29 @@ def test_closed_box_around_the_light():
     assert not image.volume.any()
 
 
+def test_colours_and_normals_at_the_corners():
+    """Both are linear over a triangle: at its centroid, a third of each."""
+    points = np.array([[[-9.0, -9.0, -2.0], [9.0, -9.0, -2.0], [0.0, 18.0, -2.0]]])
+    albedo = np.array([[[0.9, 0.0, 0.0], [0.0, 0.6, 0.0], [0.0, 0.0, 0.3]]])
+    normals = np.array([[[0.6, 0.0, 0.8], [-0.6, 0.0, 0.8], [0.0, 0.0, 1.0]]])
+    wall = ref.Triangles(points, albedo, normals=normals)
+    image = ref.render(ref.Scene([], [ref.DistantLight((0.6, 0, -0.8), 2.0)], [wall]), front(0.001, 0.001), 1, 1)
+    normal = normals[0].mean(axis=0) / np.linalg.norm(normals[0].mean(axis=0))
+    expected = albedo[0].mean(axis=0) / np.pi * 2.0 * (normal @ (-0.6, 0.0, 0.8))
+    np.testing.assert_allclose(image.color[0, 0], expected, rtol=1e-3)
+    with pytest.raises(ValueError, match="one per corner"):
+        ref.Triangles(points, albedo[:, :2])
+    with pytest.raises(ValueError, match="normals"):
+        ref.Triangles(points, 0.5, normals=normals[0])
+
+
 def test_lambertian_surface():
     """albedo/π·E·cosθ through a slab, from both sides, with emission and ambient light."""
     wall = ref.Triangles([[[-9, -9, -2], [9, -9, -2], [0, 18, -2]]], albedo=(0.2, 0.5, 1.0), emission=0.1)
     light = ref.DistantLight((0, -1, -1), 2.0)
     for solid in (wall, ref.Triangles(wall.points[:, ::-1], wall.albedo, wall.emission)):
         image = ref.render(ref.Scene([slab(albedo=0.0)], [light], [solid], ambient=0.3), front(0.4, 0.4), 2, 2)
-        reflected = wall.albedo * (0.3 + 2.0 / np.pi * np.sqrt(0.5) * np.exp(-2 * np.sqrt(2) * SIGMA))
+        reflected = wall.albedo[0, 0] * (0.3 + 2.0 / np.pi * np.sqrt(0.5) * np.exp(-2 * np.sqrt(2) * SIGMA))
         np.testing.assert_allclose(image.color[0, 0], np.exp(-2 * SIGMA) * (0.1 + reflected), rtol=1e-12)
         np.testing.assert_allclose(image.depth, 7.0)
         assert np.all(image.alpha == 1.0)
