@@ -533,7 +533,7 @@ def test_lambertian_surface():
     np.testing.assert_allclose(ref.render(behind, front(), 1, 1).color, 0.1)
     near = ref.Scene([], [ref.PointLight((0, 3, 2), 2.0)], [wall])
     np.testing.assert_allclose(
-        ref.render(near, front(1e-9, 1e-9), 1, 1).color[0, 0], 0.1 + wall.albedo / np.pi * 2.0 / 25 * 0.8, rtol=1e-9
+        ref.render(near, front(1e-9, 1e-9), 1, 1).color[0, 0], 0.1 + wall.albedo[0, 0] / np.pi * 2.0 / 25 * 0.8, rtol=1e-9
     )
 
 
