@@ -42,9 +42,10 @@ DRAFT_LIMITS = {"steps": 48, "light_steps": 48, "map_size": 96, "shadow_map_size
 #: One texel of a map is enough for a draft: half the time for what its few pixels do not show.
 DRAFT_FILTER = "nearest"
 MEDIUM_STEPS = 64
-#: Finer levels go up to so many values of a map, and to maps of so many texels along a side and altogether.
-FINER_VALUES, FINER_MAP_SIZE, FINER_TEXELS = 14, 1024, 4 * 1024**2
-#: Their map is no smaller than this, and their view rays end where they transmit no more than that.
+#: Finer levels go up to so many values of a map, and to maps of twice the size, but of no more texels along a side and
+#: altogether: to fill them would take longer than the brute-force march that they precede.
+FINER_VALUES, FINER_MAP_SIZE, FINER_TEXELS = 14, 1024, 3 * 2**19
+#: Their maps are no smaller than this, and their view rays end where they transmit no more than that.
 FINER_LEAST_MAP, FINER_CUTOFF = 256, 1e-5
 #: A picture is as good as the truth where its mean relative error is below this for certain.
 CONVERGED_ERROR = 1e-3
@@ -152,7 +153,8 @@ def finer_levels(settings: Settings, volumes: Sequence[Volume], map_size: int = 
         doublings += 1
     levels = []
     for number in range(1, doublings):
-        found = _finer(settings, volumes, number / (doublings - 1), _larger(map_size, maps, 2**number))
+        part = number / (doublings - 1)
+        found = _finer(settings, volumes, part, _larger(map_size, maps, 1.0 + part))
         found = found.replace(steps=steps * 2**number, opacity_cutoff=min(settings.opacity_cutoff, FINER_CUTOFF))
         levels.append(Level("finer", 1, found, number))
     return (*levels, Level("exact", 1, truth, len(levels) + 1))
@@ -176,14 +178,13 @@ def _finer(settings: Settings, volumes: Sequence[Volume], part: float, map_size:
     )
 
 
-def _larger(size: int, maps: int, factor: int) -> int:
+def _larger(size: int, maps: int, factor: float) -> int:
     """The size of maps that are larger by a factor, as far as there is room for so many; 0 without maps."""
     if not maps or not size:
         return 0
-    wanted = max(min(size * factor, FINER_MAP_SIZE), FINER_LEAST_MAP)
-    while wanted > size and maps * wanted * wanted > FINER_TEXELS:
-        wanted //= 2
-    return max(wanted, size)
+    room = math.isqrt(FINER_TEXELS // maps)
+    wanted = max(min(round(size * factor), FINER_MAP_SIZE), FINER_LEAST_MAP)
+    return max(min(wanted, room), size)
 
 
 def _many_steps(settings: Settings) -> bool:

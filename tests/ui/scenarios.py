@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -457,6 +458,88 @@ def rests(hand: Hand) -> None:
     hand.app.notify("something to be seen for a while")
     hand.frames(2)
     assert not idling.enable_idling, "a message has to go away by itself"
+
+
+def measures(hand: Hand) -> None:
+    """The error of the picture on the screen is found at rest, and never shown for another picture."""
+    hand.open()
+    hand.finish()
+    rest, picture = hand.app.rest, hand.app.picture
+    hand.until(lambda: rest.estimate, "the error at rest")
+    first = rest.estimate
+    assert 0.0 < first.light.mean_relative_error.value < 0.05 and first.pixels == hand.document.settings.error_pixels
+    hand.until(lambda: not hand.app.busy, "the window to rest")
+    serial = picture.serial
+    hand.frames(8)
+    assert rest.estimate is first and picture.serial == serial, "nothing is measured or drawn twice"
+    hand.capture("measured")
+    hand.app.set_setting("coefficients", 14)
+    assert rest.estimate is first, "it is that of the picture until there is another one"
+    hand.frames(2)
+    assert rest.estimate is None
+    hand.until(lambda: rest.progress > 0.0, "the next measurement to begin")
+    hand.drag_picture(60, 0)
+    assert rest.progress == 0.0 and rest._meter is None and rest.estimate is None, "orbiting drops it"
+    hand.finish()
+    hand.until(lambda: rest.estimate, "the error of the other view")
+    assert rest.estimate.mean_relative_error.value < first.mean_relative_error.value
+    hand.app.commands["measure_error"].run()
+    hand.app.set_setting("coefficients", 6)
+    hand.finish()
+    hand.until(lambda: not hand.app.busy, "the window to rest")
+    assert rest.estimate is None and not hand.app.view.measuring
+
+
+def converges(hand: Hand) -> None:
+    """A picture at rest goes on to the truth, the better the further, and comes to an end."""
+    from previs.ui import resting
+
+    resting.CONVERGED_ERROR = 0.0
+    hand.open()
+    hand.app.set_setting("steps", 512)
+    hand.finish()
+    rest, picture = hand.app.rest, hand.app.picture
+    hand.until(lambda: not hand.app.busy, "the window to rest")
+    finished = hand.picture()
+    pictures, errors = {"final": finished}, {"final": rest.estimate.mean_relative_error.value}
+    hand.click("//Render/converge")
+    assert hand.app.view.converging
+
+    def followed() -> bool:
+        name = f"{picture.level} {picture.finer[0]}"
+        if picture.finer[0] and name not in pictures:
+            pictures[name] = picture.read()
+        if rest.estimate is not None and picture.finer[0]:
+            errors[name] = rest.estimate.mean_relative_error.value
+        return not hand.app.busy
+
+    tick = hand.app.tick
+
+    def watched() -> None:
+        tick()
+        with hand.app.context:
+            followed()
+
+    hand.app.tick = watched
+    hand.until(lambda: not hand.app.busy, "the truth")
+    hand.app.tick = tick
+    assert picture.level == "exact" and rest.converged and rest.estimate is None
+    count = picture.finer[1]
+    assert count == 2 and list(pictures) == ["final", *(f"finer {n}" for n in range(1, count)), f"exact {count}"]
+    truth = pictures[f"exact {count}"]
+    off = [float(np.abs(p - truth).mean()) for p in pictures.values()]
+    assert all(b < a for a, b in pairwise(off)), off
+    assert list(errors) == [*pictures][:-1] and all(b < a for a, b in pairwise(errors.values())), errors
+    serial = picture.serial
+    hand.frames(5)
+    assert picture.serial == serial and not hand.app.busy
+    hand.capture("converged")
+    resting.CONVERGED_ERROR = 1.0
+    hand.drag_picture(40, 0)
+    assert picture.level in ("draft", "medium", "final") and picture.finer[0] == 0, "a movement begins from below"
+    hand.finish()
+    hand.until(lambda: not hand.app.busy, "the window to rest")
+    assert picture.level == "final" and rest.converged, "what is good enough goes no further"
 
 
 def portrait(hand: Hand) -> None:

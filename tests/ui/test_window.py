@@ -77,6 +77,14 @@ def test_time(drive, tmp_path):
     drive("scrubs", animated_stage(tmp_path))
 
 
+def test_the_error_at_rest(drive, tmp_path):
+    drive("measures", small_stage(tmp_path), PREVIS_TEST_SIZE="480x240")
+
+
+def test_a_picture_at_rest_converges(drive, tmp_path):
+    drive("converges", small_stage(tmp_path), PREVIS_TEST_SIZE="480x240")
+
+
 def test_a_bare_vdb(drive):
     drive("drops_a_vdb", None, PREVIS_TEST_VDB=str(SCENES / "plume.vdb"))
 
@@ -90,6 +98,18 @@ def test_a_crash_loses_nothing(drive, tmp_path):
     config = str(tmp_path / "config")
     drive("crashes_after_an_edit", PREVIS_CONFIG=config)
     drive("recovers", None, PREVIS_CONFIG=config)
+
+
+def small_stage(folder: Path) -> Path:
+    """A cloud of few voxels, which even a brute-force march goes through quickly."""
+    axis = np.linspace(-1.0, 1.0, 20)
+    x, y, z = np.meshgrid(axis, axis, axis, indexing="ij")
+    density = np.clip(1.0 - x * x - y * y - z * z + 0.4 * np.sin(7.0 * x) * np.sin(6.0 * y + 2.0 * z), 0.0, None)
+    with previs.Scene() as scene:
+        scene.add_volume("/cloud", density, bounds=((-1, -1, -1), (1, 1, 1)), extinction=(6, 5, 4))
+        scene.add_distant_light("/sun", (-1, -1, -0.5), irradiance=3)
+        scene.save(folder / "small.usda")
+    return folder / "small.usda"
 
 
 def animated_stage(folder: Path) -> Path:

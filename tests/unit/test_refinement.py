@@ -1,9 +1,17 @@
 """The ladder of quality: how small drafts are, which levels follow, and that it does not waver."""
 
-import pytest
+import math
+from itertools import pairwise
 
-from previs import Settings
-from previs.ui.refinement import DIVISORS, DRAFT_SECONDS, Level, Pace, draft_settings, final
+import numpy as np
+import pytest
+from building import sphere, volume
+
+from previs import Medium, Settings
+from previs.meter import ErrorEstimate, ErrorPart, Estimate
+from previs.render.measure import converged
+from previs.ui.error_text import error_hint, error_words, percent
+from previs.ui.refinement import DIVISORS, DRAFT_SECONDS, Level, Pace, draft_settings, final, finer_levels
 
 SIZE = (640, 360)
 PIXELS = SIZE[0] * SIZE[1]
@@ -82,6 +90,8 @@ def test_drafts_ask_for_less_and_never_for_more():
     draft = draft_settings(Settings(steps=16, transmittance="march"))
     assert draft.steps == 16 and draft.transmittance == Settings().transmittance
     assert draft_settings(Settings()).steps == 48
+    assert draft_settings(Settings()).map_filter == "nearest"
+    assert draft_settings(Settings(transmittance="tfm")).transmittance == "tfm"
     # The same voxels: another limit would pack them again.
     assert draft.field_memory == Settings().field_memory
     assert draft_settings(Settings(coefficients=14)).coefficients == 14
@@ -91,3 +101,95 @@ def test_sizes_of_levels_cover_the_view():
     assert Level("draft", 3, Settings()).size(640, 361) == (214, 121)
     assert final(Settings()).size(1, 1) == (1, 1)
     assert Level("draft", 8, Settings()).size(4, 4) == (1, 1)
+
+
+# --- beyond the final level -------------------------------------------------------------------------------------------
+
+CLOUD = volume(np.ones((8, 8, 8)), Medium(extinction=(4.0, 4.0, 4.0)))
+BALL = sphere(Medium(extinction=(1.0, 1.0, 1.0)))
+
+
+@pytest.mark.parametrize("values", [{}, {"steps": 40}, {"steps": 900, "coefficients": 10}, {"transmittance": "march"}])
+def test_every_finer_level_has_twice_the_steps_and_the_last_is_the_truth(values):
+    settings = Settings(**values)
+    levels = finer_levels(settings, [CLOUD], 256, 1)
+    assert [level.number for level in levels] == list(range(1, len(levels) + 1))
+    assert [level.name for level in levels] == ["finer"] * (len(levels) - 1) + ["exact"]
+    steps = [settings.steps or 256, *(level.settings.steps for level in levels)]
+    assert all(b == 2 * a for a, b in pairwise(steps[:-1])) and steps[-2] < steps[-1] <= 2 * steps[-2]
+    assert levels[-1].settings == converged(settings, [CLOUD])
+    assert levels[-1].settings.transmittance == "march" and levels[-1].settings.light_steps == 0
+    for before, after in pairwise([settings, *(level.settings for level in levels)]):
+        assert after.opacity_cutoff < before.opacity_cutoff or after.opacity_cutoff == 1e-5
+        if after.transmittance != "march":
+            assert after.coefficients >= before.coefficients and after.map_size >= before.map_size
+    assert settings.transmittance == "march" or len(levels) < 2 or levels[-2].settings.coefficients == 14
+
+
+def test_maps_of_finer_levels_are_larger_while_there_is_room():
+    sizes = [level.settings.map_size for level in finer_levels(Settings(), [CLOUD], 300, 2)[:-1]]
+    assert sizes == [450, 600]
+    many = [level.settings.map_size for level in finer_levels(Settings(), [CLOUD], 300, 60)[:-1]]
+    assert many == [300, 300]
+    # Without voxels there are no maps.
+    assert {level.settings.map_size for level in finer_levels(Settings(), [BALL])} == {0}
+
+
+def test_a_march_stays_a_march():
+    for level in finer_levels(Settings(transmittance="march", light_steps=20), [CLOUD]):
+        assert (level.settings.transmittance, level.settings.light_steps) == ("march", 0)
+
+
+def test_more_values_than_finer_levels_take_are_kept():
+    assert all(x.settings.coefficients == 16 for x in finer_levels(Settings(coefficients=16), [CLOUD], 256, 1))
+
+
+def test_every_sample_of_a_pixel_takes_all_steps_of_its_level():
+    """The mean of jittered pictures of few steps would converge to a limit that is off."""
+    one, many = (finer_levels(Settings(antialias=n), [CLOUD], 256, 1) for n in (1, 3))
+    for a, b in zip(one, many, strict=True):
+        assert b.settings == a.settings.replace(antialias=3) and b.divisor == 1
+
+
+def test_the_truth_and_an_empty_stage_have_no_finer_levels():
+    assert finer_levels(converged(Settings(), [CLOUD]), [CLOUD]) == ()
+    assert finer_levels(Settings(), []) == ()
+
+
+def test_no_level_follows_the_final_one_by_itself():
+    pace = paced(0.2)
+    for name in ("final", "finer", "exact"):
+        assert pace.next(name, *SIZE, Settings()) is None
+
+
+# --- in words ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.00393, "0.39"),
+        (0.0123, "1.2"),
+        (0.1, "10"),
+        (0.5, "50"),
+        (0.0000123, "0.0012"),
+        (1e-9, "<0.0001"),
+        (0.0, "0"),
+        (math.inf, "–"),
+    ],
+)
+def test_errors_are_read_with_two_digits(value, text):
+    assert percent(value) == text
+
+
+def test_the_words_of_an_error():
+    mean, level = Estimate(0.004, 0.0035, 0.005), Estimate(52.3, 51.0, 54.0)
+    part = ErrorPart(mean, mean, level, mean)
+    none = ErrorPart(Estimate(0, 0, 0), Estimate(0, 0, 0), Estimate(math.inf, math.inf, math.inf), Estimate(0, 0, 0))
+    found = ErrorEstimate(mean, mean, level, mean, part, none, 256, 2048, 0, 0.8)
+    assert error_words(found) == "error 0.4 % (0.35–0.5), 52 dB"
+    hint = error_hint(found)
+    for words in ("0.4 % (0.35 to 0.5)", "2048 steps", "256 random pixels", "52.3 dB (51.0 to 54.0)"):
+        assert words in hint
+    exact = ErrorEstimate(*(getattr(none, n) for n in ("relative_rmse",) * 2), none.psnr, none.bias, none, none, 256)
+    assert error_words(exact) == "error 0 %" and "PSNR" not in error_hint(exact)
