@@ -17,6 +17,12 @@ layout(location = 1) out vec4 diffuse_roughness;
 layout(location = 2) out vec4 specular;
 layout(location = 3) out vec4 emissive;
 
+// A direction in two numbers from -1 to 1 (Cigolle et al. 2014).
+vec2 octahedral(vec3 d) {
+    d /= abs(d.x) + abs(d.y) + abs(d.z);
+    return d.z >= 0.0 ? d.xy : (1.0 - abs(d.yx)) * vec2(d.x >= 0.0 ? 1.0 : -1.0, d.y >= 0.0 ? 1.0 : -1.0);
+}
+
 void main() {
     Ray ray = camera_ray(gl_FragCoord.xy / image_size);
     float l = length(normal);
@@ -25,6 +31,10 @@ void main() {
     if (dot(n, ray.direction) > 0.0) n = -n;
     normal_distance = vec4(n, dot(position - ray.anchor, ray.direction));
     diffuse_roughness = vec4(diffuse_color * color, roughness);
-    specular = vec4(specular_at_normal, 1.0);
-    emissive = vec4(emissive_color, 1.0);
+    // The plane of the triangle, which shadows are looked up on: a normal that is smoothed is not that plane's.
+    vec3 across = cross(dFdx(position), dFdy(position));
+    float area = length(across);
+    vec2 plane = octahedral(area > 0.0 ? across / area : n);
+    specular = vec4(specular_at_normal, plane.x);
+    emissive = vec4(emissive_color, plane.y);
 }

@@ -31,6 +31,13 @@ vec3 specular_lobe(vec3 n, vec3 to_light, vec3 to_camera, vec3 at_normal, float 
     return distribution * masking * fresnel;
 }
 
+// The direction that gbuffer.frag put into two numbers from -1 to 1.
+vec3 octahedral_direction(vec2 p) {
+    vec3 d = vec3(p, 1.0 - abs(p.x) - abs(p.y));
+    if (d.z < 0.0) d.xy = (1.0 - abs(d.yx)) * vec2(p.x >= 0.0 ? 1.0 : -1.0, p.y >= 0.0 ? 1.0 : -1.0);
+    return normalize(d);
+}
+
 void main() {
     vec4 geometry = texelFetch(gbuffer_normal_distance, ivec2(gl_FragCoord.xy), 0);
     radiance = vec4(0.0);
@@ -39,17 +46,20 @@ void main() {
     vec3 position = ray.anchor + geometry.w * ray.direction;
     vec3 n = geometry.xyz;
     vec4 diffuse = texelFetch(gbuffer_diffuse_roughness, ivec2(gl_FragCoord.xy), 0);
+    vec4 specular = texelFetch(gbuffer_specular, ivec2(gl_FragCoord.xy), 0);
+    vec4 emissive = texelFetch(gbuffer_emissive, ivec2(gl_FragCoord.xy), 0);
+    vec3 plane = octahedral_direction(vec2(specular.w, emissive.w));
     vec3 sum = vec3(0.0);
     if (first_batch) {
 #if HAS_EMISSIVE
-        sum += texelFetch(gbuffer_emissive, ivec2(gl_FragCoord.xy), 0).rgb;
+        sum += emissive.rgb;
 #endif
 #if HAS_AMBIENT
         sum += diffuse.rgb * ambient;
 #endif
     }
 #if HAS_SPECULAR
-    vec3 at_normal = texelFetch(gbuffer_specular, ivec2(gl_FragCoord.xy), 0).rgb;
+    vec3 at_normal = specular.rgb;
 #endif
 #if HAS_LIGHTS
     for (int i = 0; i < light_count; ++i) {
@@ -59,9 +69,7 @@ void main() {
         if (cosine <= 0.0) continue;
         vec3 irradiance = lights[i].strength.rgb * shaping(i, travel, true) * (inverse_square * cosine);
         if (max(max(irradiance.r, irradiance.g), irradiance.b) <= 0.0) continue;
-        // The lookup is moved off the surface by what a texel of the map spans there, the more the more the light grazes it.
-        vec3 offset = position + n * (shadow_texel(i, position) * (0.5 + 3.0 * sqrt(max(1.0 - cosine * cosine, 0.0))));
-        float seen = visibility(i, offset);
+        float seen = surface_visibility(i, position, plane);
         if (seen <= 0.0) continue;
         vec3 arriving = irradiance * seen * light_transmittance(i, position, travel);
         vec3 reflected = diffuse.rgb / PI;
