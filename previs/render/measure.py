@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +28,8 @@ CONVERGED_CUTOFF = 1e-7
 #: The pixels that say where errors are likely: by good maps, and so many times the steps.
 GUESS = {"transmittance": "quantile", "coefficients": 14, "map_filter": "blend"}
 GUESS_STEPS = 2
+
+T = TypeVar("T")
 
 
 def converged(settings: Settings, volumes: list[Volume]) -> Settings:
@@ -137,8 +141,14 @@ class ErrorMeter:
         same_steps = brute_force(settings, volumes)
         work = self.drawing(index, camera, image.size, (same_steps, truth), sample, piece_seconds)
         pair = yield from clock.timed(work, 0.4, 1.0)
-        return estimate_error(
-            image.color, sample, *pair, steps=truth.steps, light_steps=truth.light_steps, seconds=clock.seconds
+        return (
+            yield from _aside(
+                piece_seconds,
+                1.0,
+                lambda: estimate_error(
+                    image.color, sample, *pair, steps=truth.steps, light_steps=truth.light_steps, seconds=clock.seconds
+                ),
+            )
         )
 
     def choosing(
@@ -154,7 +164,8 @@ class ErrorMeter:
         shown = np.isfinite(image.depth)
         if (transmittance := image.aovs.get("transmittance")) is not None:
             shown = shown | (transmittance < 1.0).any(axis=2)
-        sample = choose_pixels(image.color, shown, FIRST_PHASE * settings.error_pixels, seed)
+        count = FIRST_PHASE * settings.error_pixels
+        sample = yield from _aside(piece_seconds, 0.0, lambda: choose_pixels(image.color, shown, count, seed))
         if settings.error_pixels < len(sample):
             better = yield from self._better(index, camera, image, settings, sample, piece_seconds)
             sample = choose_again(image.color, sample, better, settings.error_pixels, seed)
@@ -208,6 +219,22 @@ class ErrorMeter:
                 done += 1
                 total += self._renderer.scattered(plan)[:, :3]
         return [total / len(shifts) for total in totals]
+
+
+def _aside(piece_seconds: float | None, done: float, work: Callable[[], T]) -> Generator[float, None, T]:
+    """Do work without OpenGL; where pieces are wanted, in a thread, since it cannot be cut. Yields the `done` part."""
+    if piece_seconds is None:
+        return work()
+    pool = ThreadPoolExecutor(1)
+    try:
+        result = pool.submit(work)
+        while not result.done():
+            wait([result], piece_seconds)
+            yield done
+        return result.result()
+    finally:
+        # Whoever drops the generator does not wait for it.
+        pool.shutdown(wait=False)
 
 
 class _Clock:

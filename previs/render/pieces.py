@@ -15,8 +15,10 @@ import numpy as np
 
 #: Side of the bins that Mesa's llvmpipe hands to its threads, in pixels. A piece of two bins or more keeps two busy.
 BIN = 64
-#: Pixels of the first piece, before anything was measured.
+#: Pixels that the first piece of a picture may have, divided by GROWTH, whatever earlier pictures cost.
 FIRST_AREA = 2 * BIN * BIN
+#: Pixels of the first piece of a kind of work that was never drawn: each may take a thousand times what others take.
+UNKNOWN_AREA = 2 * BIN * 4
 #: A piece has at most so many times the pixels of the one before it: what is remembered of costs may be wrong.
 GROWTH = 4.0
 #: Costs are remembered on a grid of so many cells along both sides of a picture, for so many kinds of work.
@@ -166,7 +168,7 @@ class CostMap:
         if area > GROWTH * self._area:
             return False
         expected = self._expected(box) * self._trend
-        return expected <= seconds if expected == expected else area <= FIRST_AREA
+        return expected <= seconds if expected == expected else area <= UNKNOWN_AREA
 
     def learn(self, box: Box, seconds: float) -> None:
         """A box took that long."""

@@ -78,11 +78,11 @@ def test_time(drive, tmp_path):
 
 
 def test_the_error_at_rest(drive, tmp_path):
-    drive("measures", small_stage(tmp_path), PREVIS_TEST_SIZE="480x240")
+    drive("measures", small_stage(tmp_path), PREVIS_TEST_SIZE="320x200")
 
 
 def test_a_picture_at_rest_converges(drive, tmp_path):
-    drive("converges", small_stage(tmp_path), PREVIS_TEST_SIZE="480x240")
+    drive("converges", small_stage(tmp_path), PREVIS_TEST_SIZE="320x200")
 
 
 def test_a_bare_vdb(drive):
