@@ -36,7 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--exposure", type=_exposure, default=0.0, metavar="EV", help="stops, or auto, for .png and .jpg"
     )
     parser.add_argument(
-        "--reference", action="store_true", help="march light by brute force with at least 1024 steps and two per voxel"
+        "--reference",
+        action="store_true",
+        help="march light exactly, from voxel to voxel, and the view in at least 1024 steps and two per voxel",
     )
     parser.add_argument(
         "--stats", metavar="FILE.json", help="write times, plan, memory, warnings and measured error of every frame"
@@ -171,12 +173,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _reference(settings, description):
-    """The settings, marching light by brute force in steps so fine that more of them change nothing."""
+    """The settings, marching light exactly and the view in steps so fine that more of them change next to nothing."""
+    from ..render.measure import brute_force
     from ..render.plan import steps_across
 
-    finest = max((steps_across(volume, 0) for volume in description.volumes.values()), default=0)
-    steps = {name: max(settings[name], 1024, 2 * finest) for name in ("steps", "light_steps")}
-    return settings.replace(transmittance="march", **steps)
+    volumes = list(description.volumes.values())
+    finest = max((steps_across(volume, 0) for volume in volumes), default=0)
+    return brute_force(settings, volumes).replace(steps=max(settings.steps, 1024, 2 * finest))
 
 
 def _light_notes(description) -> list[str]:
