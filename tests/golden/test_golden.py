@@ -22,6 +22,7 @@ SIZE = (160, 90)
 PICTURES = [
     *((name, name, {}) for name in ("plume", "pyroclastic", "sandstorm", "cloud", "shaft", "duo", *MADE)),
     ("duo_14", "duo", {"coefficients": 14}),
+    ("duo_tfm", "duo", {"transmittance": "tfm"}),
     ("plume_plain", "plume", {"transmittance": "tfm-plain", "coefficients": 14}),
     ("instances_march", "instances", {"transmittance": "march", "steps": 64, "light_steps": 64}),
     ("shapes_antialias", "shapes", {"antialias": 2, "ambient": 0.1}),
