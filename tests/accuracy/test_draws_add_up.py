@@ -34,7 +34,7 @@ def assert_same(image: previs.Image, expected: previs.Image, tolerance: float = 
 
 
 @pytest.mark.parametrize("size", [1, 2, 3])
-@pytest.mark.parametrize("method", ["tfm", "tfm-plain", "march"])
+@pytest.mark.parametrize("method", ["quantile", "tfm", "tfm-plain", "march"])
 def test_batches_of_lights(renderer: previs.Renderer, monkeypatch, method: str, size: int) -> None:
     """Five lights with shadows over two glowing volumes and a lit mesh: the batches do not show."""
     solid = box_mesh((-0.3, -0.2, -0.3), (0.2, 0.3, 0.3), emissive_color=(0.1, 0.2, 0.3))

@@ -37,7 +37,7 @@ def measure(renderer: previs.Renderer, case: Case, size: tuple[int, int], max_er
 
 @pytest.mark.parametrize("name", CASES)
 def test_march_equals_the_quadrature(name: str, renderer: previs.Renderer, record_property) -> None:
-    """At converged steps no more of the picture's light is in the wrong place than the case allows, 0.2 % at most."""
+    """At converged steps no more of the picture's light is in the wrong place than the case allows, 0.3 % at most."""
     case = CASES[name]()
     error = measure(renderer, case, SIZE, 1e-4)
     record_property("mean_relative_error", error)
