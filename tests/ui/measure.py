@@ -3,8 +3,8 @@
     xvfb-run -a -s "-screen 0 1440x900x24" python tests/ui/measure.py scenes/plume.usda [OUT.json]
 
 Prints medians: from a slider's change to the new picture on the screen, pictures a second while orbiting, time between
-frames of the window while the picture refines and while a stage loads, and processor use at rest. The view has
-640×360 pixels. It is no test: nothing asserts a time.
+frames of the window while the picture refines and while a stage loads, how long it takes to know the picture's error,
+and processor use at rest. The view has 640×360 pixels. It is no test: nothing asserts a time.
 """
 
 from __future__ import annotations
@@ -161,13 +161,23 @@ class Measurement:
             yield from self._wait(lambda: app.picture.finished)
             self.results[name] = {"seconds": time.perf_counter() - begin, **intervals(self.ended[frames:])}
         self.mouse_moves = False
+        app.move_camera(lambda orbit: orbit.orbit(0.004, 0.0))
+        yield
+        yield from self._wait(lambda: app.picture.finished)
+        begin, frames = time.perf_counter(), len(self.ended)
+        yield from self._wait(lambda: app.rest.estimate is not None)
+        self.results["measuring_the_error"] = {
+            "seconds": time.perf_counter() - begin,
+            "of_these_measuring": app.rest.estimate.seconds,
+            **intervals(self.ended[frames:]),
+        }
         begin, frames = time.perf_counter(), len(self.ended)
         app.open(self.large)
         yield from self._wait(lambda: app.loading is None)
         self.results["loading"] = {"seconds": time.perf_counter() - begin, **intervals(self.ended[frames:])}
         app.open(self.path)
         yield from self._wait(lambda: app.loading is None)
-        yield from self._wait(lambda: app.picture.finished)
+        yield from self._wait(lambda: app.picture.finished and app.rest.estimate is not None)
         app.messages.clear()
         yield from self._pause(2.0)
         begin, spent, frames = time.perf_counter(), time.process_time(), len(self.ended)
