@@ -44,18 +44,20 @@ def error_hint(estimate: ErrorEstimate) -> str:
     light, view, whole = (p.mean_relative_error for p in (estimate.light, estimate.view, estimate))
     lines = [
         f"Mean error of the picture: {ends(whole)}",
-        f"    of the light's way in: {ends(light)}",
-        f"    of the view's steps: {ends(view)}",
+        f"    light on its way in: {ends(light)}",
+        f"    steps of the view: {ends(view)}",
     ]
     if math.isfinite(estimate.psnr.value):
         psnr = estimate.psnr
         lines.append(f"PSNR {psnr.value:.1f} dB ({psnr.low:.1f} to {psnr.high:.1f})")
     way = f"{estimate.light_steps} steps" if estimate.light_steps else "from voxel to voxel"
     lines += [
-        "In brackets: where it is with 95 % certainty.",
+        "In brackets: its 95 % interval.",
         "",
-        f"Measured at {estimate.pixels} random pixels in {duration(estimate.seconds)}, against a brute-force march:",
-        f"{estimate.steps} steps across a volume, {way} towards every light.",
-        "More map values lower the light's part, more view steps the view's.",
+        f"Measured at {estimate.pixels} random pixels in {duration(estimate.seconds)},",
+        f"against a brute-force march: {estimate.steps} steps",
+        f"across a volume, {way} to a light.",
+        "More map values lower the light's part,",
+        "more view steps the view's.",
     ]
     return "\n".join(lines)
