@@ -22,7 +22,9 @@ from building import (
 from previs import Medium, PrevisError, Settings
 from previs.description import SceneDescription, Shaping
 from previs.index import RenderIndex
+from previs.render.method import METHODS
 from previs.render.plan import Plan, make_plan
+from previs.settings import BY_NAME
 
 NOISE = smooth_noise((8, 8, 8))
 VIEW = camera((0.0, 0.0, 6.0))
@@ -63,6 +65,15 @@ def test_homogeneous_media_need_no_voxels_and_no_maps() -> None:
 def test_no_light_no_maps() -> None:
     """A volume that only hides, or glows."""
     assert kinds(scene(volume(NOISE, Medium(emission=(1, 1, 1))))) == ["fields", "march", "composite"]
+
+
+@pytest.mark.parametrize("name", [n for n in BY_NAME["transmittance"].choices if n != "march"])
+def test_every_method_of_maps_fills_them(name: str) -> None:
+    """And its plan says with what."""
+    made = plan(scene(volume(NOISE, Medium()), distant((0, -1, 0))), transmittance=name)
+    assert [p.kind for p in made.passes] == ["fields", "transmittance_map", "march", "composite"]
+    (march,) = (p for p in made.passes if p.kind == "march")
+    assert METHODS[name].why(6) in march.why
 
 
 def test_brute_force_needs_no_maps() -> None:

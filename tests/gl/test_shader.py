@@ -160,12 +160,21 @@ CONTENTS = {
     ),
 }
 SETTINGS = {
-    "tfm 6": {"coefficients": 6},
-    "tfm 14, nearest": {"coefficients": 14, "map_filter": "nearest", "ambient": 0.1},
-    "tfm 2, weighted": {"coefficients": 2, "density_weighting": 3.0},
-    "tfm 16": {"coefficients": 16, "density_weighting": 1.0},
+    "quantile 6": {"coefficients": 6},
+    "quantile 2, weighted": {"coefficients": 2, "density_weighting": 3.0},
+    "quantile 16, stochastic": {"coefficients": 16, "map_filter": "stochastic"},
+    "tfm 6": {"transmittance": "tfm", "coefficients": 6},
+    "tfm 14, nearest": {"transmittance": "tfm", "coefficients": 14, "map_filter": "nearest", "ambient": 0.1},
+    "tfm 2, weighted": {"transmittance": "tfm", "coefficients": 2, "density_weighting": 3.0},
+    "tfm 16, stochastic": {
+        "transmittance": "tfm",
+        "coefficients": 16,
+        "density_weighting": 1.0,
+        "map_filter": "stochastic",
+    },
     "plain 10": {"transmittance": "tfm-plain", "coefficients": 10},
     "march": {"transmittance": "march", "projective_steps": False},
+    "march, exact": {"transmittance": "march", "light_steps": 0},
 }
 
 
@@ -176,12 +185,12 @@ SETTINGS = {
         (content, knobs)
         for content, knobs in itertools.product(CONTENTS, SETTINGS)
         # Without maps there are no variants of maps.
-        if "voxels" in content or knobs in ("tfm 6", "march")
+        if "voxels" in content or knobs in ("quantile 6", "march")
     ],
 )
 def test_variants_compile_and_draw(renderer: previs.Renderer, content: str, knobs: str) -> None:
     """Every combination of a sample of scenes and knobs compiles and draws."""
-    settings = Settings(**SETTINGS[knobs], steps=4, light_steps=4, shadow_map_size=16, map_size=8)
+    settings = Settings(**{"steps": 4, "light_steps": 4, "shadow_map_size": 16, "map_size": 8, **SETTINGS[knobs]})
     image = renderer.render(index_of(scene(*CONTENTS[content])), camera((0, 0, 6)), (4, 3), settings)
     assert image.color.min() >= 0.0
 

@@ -163,12 +163,17 @@ def test_image_size(session: Session) -> None:
         ({"opacity_cutoff": 1e-3}, {"march", "composite"}),
         ({"ambient": 0.2}, LIT),
         ({"map_filter": "nearest"}, LIT),
+        ({"map_filter": "stochastic"}, LIT),
+        ({"density_weighting": 3.0}, SUN_MAPS | POINT_MAPS | LIT),
         ({"light_steps": 24}, SUN_MAPS | POINT_MAPS | LIT),
         ({"threshold": 0.05}, SUN_MAPS | POINT_MAPS | LIT),
         ({"map_size": 24}, SUN_MAPS | POINT_MAPS | LIT),
         ({"coefficients": 8}, SUN_MAPS | POINT_MAPS | LIT),
         ({"shadow_map_size": 32}, SHADOWS | LIT),
         ({"transmittance": "march"}, LIT),
+        ({"transmittance": "tfm"}, SUN_MAPS | POINT_MAPS | LIT),
+        ({"transmittance": "tfm-plain"}, SUN_MAPS | POINT_MAPS | LIT),
+        ({"error_pixels": 64}, set()),
     ],
 )
 def test_settings(session: Session, values, expected: set[str]) -> None:
