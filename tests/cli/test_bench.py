@@ -16,7 +16,7 @@ def bench(run, stages, tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench") / "made" / "here"
     result = run(
         *("bench", stages / "smoke.usda", "-o", folder, "-w", 32, "--repeats", 1),
-        *("--methods", "tfm,tfm-plain,march", "--coefficients", "6,14", "--steps", "0,64"),
+        *("--methods", "quantile,tfm-plain,march", "--coefficients", "6,14", "--steps", "0,64"),
     )
     assert (result.returncode, result.stderr) == (0, "")
     return result, folder
@@ -25,7 +25,7 @@ def bench(run, stages, tmp_path_factory):
 def test_it_says_what_came_out(bench):
     result, folder = bench
     lines = result.stdout.splitlines()
-    assert lines[0].startswith("With the default settings (tfm 6) a picture of the scene is off by ")
+    assert lines[0].startswith("With the default settings (quantile 6) a picture of the scene is off by ")
     assert lines[-1].endswith(f"open {folder / 'index.html'}")
     assert {f.name for f in folder.iterdir()} == {
         "index.html",
@@ -42,21 +42,21 @@ def test_it_says_what_came_out(bench):
 def test_the_results_are_there(bench):
     told = json.loads((bench[1] / "results.json").read_text())
     [scene] = told["scenes"]
-    assert (scene["scene"], scene["size"], scene["default"]) == ("smoke", [32, 18], "tfm 6")
+    assert (scene["scene"], scene["size"], scene["default"]) == ("smoke", [32, 18], "quantile 6")
     reference = scene["reference"]
     assert reference["converged"] and reference["change_when_doubled"] < 5e-4
     rows = {row["variant"]: row for row in scene["results"]}
     assert list(rows) == [
         "converged march",
-        *(f"{m} {n}{s}" for m in ("tfm", "tfm-plain") for n in (6, 14) for s in ("", ", 64 steps")),
+        *(f"{m} {n}{s}" for m in ("quantile", "tfm-plain") for n in (6, 14) for s in ("", ", 64 steps")),
         "march",
         "march, 64 steps",
     ]
     assert rows["converged march"]["psnr"] == "inf" and rows["converged march"]["steps"] == reference["steps"]
-    assert rows["tfm 14"]["mean_relative_error"] < rows["tfm-plain 6"]["mean_relative_error"] < 0.5
-    assert rows["tfm 6, 64 steps"]["steps"] == rows["tfm 6, 64 steps"]["light_steps"] == 64
-    assert [v for v, row in rows.items() if row["default"]] == ["tfm 6"]
-    assert rows["tfm 6"]["relative_time"] == 1.0 and rows["converged march"]["speedup"] == 1.0
+    assert rows["quantile 14"]["mean_relative_error"] < rows["tfm-plain 6"]["mean_relative_error"] < 0.5
+    assert rows["quantile 6, 64 steps"]["steps"] == rows["quantile 6, 64 steps"]["light_steps"] == 64
+    assert [v for v, row in rows.items() if row["default"]] == ["quantile 6"]
+    assert rows["quantile 6"]["relative_time"] == 1.0 and rows["converged march"]["speedup"] == 1.0
     assert any(row["front"] for row in rows.values()) and not rows["converged march"]["front"]
     for row in rows.values():
         assert row["seconds_low"] <= row["seconds"] <= row["seconds_high"]

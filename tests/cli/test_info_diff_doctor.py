@@ -48,7 +48,7 @@ def test_info(run, stages):
     ):
         assert fact in text
     [march] = [line for line in lines if line.split()[:1] == ["march"]]
-    assert "320×180" in march and "14 coefficients" in march
+    assert "320×180" in march and "14 depths" in march
     assert any(line.startswith("  total") for line in lines)
     assert lines[-1] == "not shown as authored (0)"
 
