@@ -57,10 +57,15 @@ def assert_equal(image: previs.Image, expected: previs.Image, rtol: float = 0.0)
         np.testing.assert_allclose(image.aovs[name], plane, rtol, 0.01 * rtol, err_msg=name)
 
 
-def test_two_qualities_of_one_scene_side_by_side(pair) -> None:
+@pytest.mark.parametrize(
+    "values",
+    [({"coefficients": 6}, {"coefficients": 14}), ({"transmittance": "quantile"}, {"transmittance": "tfm"})],
+    ids=["values", "methods"],
+)
+def test_two_qualities_of_one_scene_side_by_side(pair, values) -> None:
     """After the first frames nothing runs again, and each picture is that of a renderer of its own."""
     index = index_of(SCENES[0])
-    knobs = [QUICK.replace(coefficients=n) for n in (6, 14)]
+    knobs = [QUICK.replace(**v) for v in values]
     expected = [alone(SCENES[0], k) for k in knobs]
     for repeat in range(3):
         for renderer, settings, picture in zip(pair, knobs, expected, strict=True):
