@@ -64,6 +64,8 @@ LOOP_BUDGET = 50_000
 #: Optically deep steps of a ray that are cut once more, at the most: about two for every unit of optical depth until a
 #: ray is opaque in the last of three channels.
 MOST_CUTS = 160
+#: With fewer the front of a dense medium is not resolved.
+FEW_CUTS = 24
 
 
 class _Fits:
@@ -298,6 +300,9 @@ def make_plan(
         maps, map_atlas = _plan_maps(volumes, grids, lights, settings, size, limits, atlases[0], passes)
 
     batches, slices, cuts = _draws(records, len(lights), settings, limits)
+    if cuts < FEW_CUTS and grids:
+        message = f"the way to the lights takes so many steps that only {cuts} deep steps of the view can be cut finer"
+        notes.append(Note("approximated", records[grids[0]].path, message))
     view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
     target = (width, height) if pixels is None else pixels.target_size
     texels = math.prod(target)
@@ -445,7 +450,8 @@ def _draws(
         steps += segments * projective_minimum(settings)
     # A step may begin a segment, behind a gap; finding the first one passes all that lie before it.
     per_step = 3 * (volumes + 1) + max(len(b) for b in batches) * per_light
-    cuts = min(MOST_CUTS, LOOP_BUDGET // (2 * per_step))
+    # Rather shorter slices than uncut steps; a slice takes one step at the least.
+    cuts = min(MOST_CUTS, 3 * LOOP_BUDGET // (4 * per_step))
     length = max(1, (LOOP_BUDGET - segments * (volumes + 2)) // per_step - cuts)
     slices = tuple(range(i, min(i + length, steps)) for i in range(0, steps, length))
     return batches, slices, cuts
