@@ -532,9 +532,8 @@ def test_lambertian_surface():
     behind = ref.Scene([], [ref.DistantLight((0, 0, 1), 2.0), ref.PointLight((0, 0, -3), 2.0)], [wall])
     np.testing.assert_allclose(ref.render(behind, front(), 1, 1).color, 0.1)
     near = ref.Scene([], [ref.PointLight((0, 3, 2), 2.0)], [wall])
-    np.testing.assert_allclose(
-        ref.render(near, front(1e-9, 1e-9), 1, 1).color[0, 0], 0.1 + wall.albedo[0, 0] / np.pi * 2.0 / 25 * 0.8, rtol=1e-9
-    )
+    expected = 0.1 + wall.albedo[0, 0] / np.pi * 2.0 / 25 * 0.8
+    np.testing.assert_allclose(ref.render(near, front(1e-9, 1e-9), 1, 1).color[0, 0], expected, rtol=1e-9)
 
 
 def test_a_surface_ends_the_view_and_shadows_itself():
