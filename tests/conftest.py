@@ -7,6 +7,11 @@ import pytest
 import previs
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The window first: its tests wait much and are the longest of one file; others fill the time beside them."""
+    items.sort(key=lambda item: "tests/ui" not in item.path.as_posix())
+
+
 @pytest.fixture(scope="session")
 def renderer() -> Iterator[previs.Renderer]:
     """One renderer for the whole session; tests that need it are skipped, with the reason, where there is no OpenGL."""
