@@ -38,10 +38,14 @@ vec3 shaping(int i, vec3 travel, bool cut) {
     if (lights[i].focus_tint.w > 0.5) {
         vec4 cone = lights[i].cone;
         if (cut && cosine < cone.w) return vec3(0.0);
-        float theta = acos(clamp(cosine, -1.0, 1.0));
-        if (cone.x < cone.y && theta > cone.x) {
-            float s = clamp((theta - cone.x) / (cone.y - cone.x), 0.0, 1.0);
-            factor *= 1.0 - s * s * (3.0 - 2.0 * s);
+        if (cone.x < cone.y) {
+            // Angle to the cone's edge, from its own sine and cosine: as the difference of two angles it would have no digits there. The
+            // polynomial is 1 - s s (3 - 2 s) with s = 1 - t, for the same reason.
+            vec2 edge = vec2(cos(cone.y), sin(cone.y));
+            float sine = length(cross(travel, lights[i].axis.xyz));
+            float inside = atan(edge.y * cosine - edge.x * sine, edge.x * cosine + edge.y * sine);
+            float t = clamp(inside / (cone.y - cone.x), 0.0, 1.0);
+            factor *= t * t * (3.0 - 2.0 * t);
         }
         if (cone.z > 0.0) factor *= mix(lights[i].focus_tint.rgb, vec3(1.0), pow(max(cosine, 1e-6), cone.z));
     }
