@@ -6,6 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from previs.bench.transforms import rotation as rotation
+from previs.bench.transforms import scaling as scaling
+from previs.bench.transforms import shear as shear
+from previs.bench.transforms import translation as translation
 from previs.description import (
     Box,
     Camera,
@@ -24,33 +28,6 @@ from previs.description import (
 )
 from previs.index import RenderIndex
 from previs.vdb import Grid
-
-
-def translation(x: float, y: float, z: float) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[3, :3] = x, y, z
-    return matrix
-
-
-def scaling(x: float, y: float, z: float) -> np.ndarray:
-    return np.diag([x, y, z, 1.0])
-
-
-def rotation(axis: tuple[float, float, float], degrees: float) -> np.ndarray:
-    """For row vectors, counter-clockwise about the axis."""
-    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = math.radians(degrees)
-    matrix = np.eye(4)
-    matrix[:3, :3] = (np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross).T
-    return matrix
-
-
-def shear(xy: float) -> np.ndarray:
-    """x grows with y."""
-    matrix = np.eye(4)
-    matrix[1, 0] = xy
-    return matrix
 
 
 def look_at(

@@ -39,6 +39,7 @@ from ..description import (
 )
 from ..stage.field import cleaned
 from ..vdb import Grid
+from .transforms import rotation, scaling, shear, translation
 
 T = TypeVar("T")
 
@@ -480,35 +481,6 @@ def unshadowed(description: SceneDescription) -> SceneDescription:
 
 def _times(color: Sequence[float], factor: float) -> tuple[float, float, float]:
     return tuple(float(c * factor) for c in color)
-
-
-def translation(x: float, y: float, z: float) -> np.ndarray:
-    """A matrix for row vectors, as all here."""
-    matrix = np.eye(4)
-    matrix[3, :3] = x, y, z
-    return matrix
-
-
-def scaling(x: float, y: float, z: float) -> np.ndarray:
-    """A scale along the axes."""
-    return np.diag([x, y, z, 1.0])
-
-
-def shear(xy: float) -> np.ndarray:
-    """x grows with y."""
-    matrix = np.eye(4)
-    matrix[1, 0] = xy
-    return matrix
-
-
-def rotation(axis: tuple[float, float, float], degrees: float) -> np.ndarray:
-    """Counter-clockwise about an axis of unit length (Rodrigues' formula)."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = math.radians(degrees)
-    matrix = np.eye(4)
-    matrix[:3, :3] = (np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross).T
-    return matrix
 
 
 def look_at(eye: Sequence[float], target: Sequence[float]) -> np.ndarray:

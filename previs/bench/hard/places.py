@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...description import SceneDescription
+from ..transforms import rotation, scaling, shear, translation
 from .media import COARSE
 from .records import (
     CLOUD,
@@ -24,12 +25,8 @@ from .records import (
     moved,
     placed_camera,
     point,
-    rotation,
-    scaling,
     scene,
-    shear,
     sphere,
-    translation,
     volume,
 )
 from .trial import ANY, MAPS_AND_MARCH, SAME, Trial, case

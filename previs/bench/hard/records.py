@@ -25,37 +25,9 @@ from ...description import (
     Volume,
 )
 from ...vdb import Grid
+from ..transforms import rotation, translation
 
 Vector = Sequence[float]
-
-
-def translation(x: float, y: float, z: float) -> np.ndarray:
-    """A 4×4 matrix for row vectors."""
-    matrix = np.eye(4)
-    matrix[3, :3] = x, y, z
-    return matrix
-
-
-def scaling(x: float, y: float, z: float) -> np.ndarray:
-    """A 4×4 matrix; negative factors mirror."""
-    return np.diag([x, y, z, 1.0])
-
-
-def rotation(axis: Vector, degrees: float) -> np.ndarray:
-    """A 4×4 matrix for row vectors, counter-clockwise about the axis (Rodrigues' formula)."""
-    x, y, z = np.asarray(axis, float) / np.linalg.norm(axis)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = math.radians(degrees)
-    matrix = np.eye(4)
-    matrix[:3, :3] = (np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * cross @ cross).T
-    return matrix
-
-
-def shear(xy: float) -> np.ndarray:
-    """A 4×4 matrix: x grows with y."""
-    matrix = np.eye(4)
-    matrix[1, 0] = xy
-    return matrix
 
 
 def look_at(eye: Vector, target: Vector) -> np.ndarray:

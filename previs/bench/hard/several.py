@@ -8,6 +8,7 @@ from ... import metrics
 from ...description import Volume
 from ...vdb import Grid
 from ...vdb.grid import Tiles
+from ..transforms import translation
 from .media import COARSE
 from .records import (
     CLOUD,
@@ -23,7 +24,6 @@ from .records import (
     fog,
     scene,
     sphere,
-    translation,
     volume,
 )
 from .trial import ANY, MAPS_AND_MARCH, MARCH, Trial, case
