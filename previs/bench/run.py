@@ -26,7 +26,7 @@ from ..description import Camera
 from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
-from ..render.plan import steps_across
+from ..render.draws import steps_across
 from ..render.renderer import Renderer
 from ..scene import Scene
 from ..settings import BY_NAME, Settings

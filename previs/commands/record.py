@@ -174,8 +174,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _reference(settings, description):
     """The settings, marching light exactly and the view in steps so fine that more of them change next to nothing."""
+    from ..render.draws import steps_across
     from ..render.measure import brute_force
-    from ..render.plan import steps_across
 
     volumes = list(description.volumes.values())
     finest = max((steps_across(volume, 0) for volume in volumes), default=0)

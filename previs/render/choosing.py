@@ -19,9 +19,9 @@ from ..image import Image
 from ..index import RenderIndex
 from ..meter import ErrorPart, ErrorScale, PixelSample
 from ..settings import BY_NAME, Settings
+from .draws import steps_across
 from .measure import ErrorMeter, brute_force, converged
 from .method import METHODS, method_of
-from .plan import steps_across
 from .renderer import Renderer
 
 #: Knobs that are chosen; those that the caller gives keep their values.

@@ -12,7 +12,7 @@ from .. import blackbody
 from . import uniforms
 from .fields import PackedStore
 from .pieces import Kind, Pace, Piece
-from .plan import Plan
+from .planned import Plan
 from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
 from .shader import Program, ShaderCache
 

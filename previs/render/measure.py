@@ -15,8 +15,8 @@ from ..image import Image
 from ..index import RenderIndex
 from ..meter import FIRST_PHASE, ErrorEstimate, PixelSample, choose_again, choose_pixels, estimate_error
 from ..settings import BY_NAME, Settings
+from .draws import LOOP_BUDGET, steps_across
 from .method import method_of
-from .plan import LOOP_BUDGET, steps_across
 from .renderer import Renderer, sample_shifts
 from .scattered import ScatteredPixels
 

@@ -22,10 +22,11 @@ from ..errors import PrevisError
 from ..index import RenderIndex
 from ..settings import BY_NAME, Settings
 from .context import check_errors
+from .draws import LOOP_BUDGET, steps_across
 from .frame import Frame
 from .method import METHODS, method_of
 from .passes import RUNNERS
-from .plan import LOOP_BUDGET, PassKind, Plan, PlannedPass, steps_across
+from .planned import PassKind, Plan, PlannedPass
 from .projection import LightMap
 from .renderer import Renderer
 

@@ -19,7 +19,8 @@ from .context import check_errors, create_context, is_software
 from .fields import field_dims
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
-from .plan import Atlases, DeviceLimits, Plan, PlannedPass, make_plan
+from .plan import make_plan
+from .planned import Atlases, DeviceLimits, Plan, PlannedPass
 from .scattered import ScatteredPixels
 from .shader import ShaderError
 

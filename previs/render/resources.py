@@ -16,7 +16,7 @@ import numpy as np
 from ..description import Field, Geometry, Mesh
 from .fields import PackedField, PackedStore
 from .method import method_of
-from .plan import Plan
+from .planned import Plan
 
 NEAREST = (moderngl.NEAREST, moderngl.NEAREST)
 LINEAR = (moderngl.LINEAR, moderngl.LINEAR)

@@ -11,7 +11,8 @@ import numpy as np
 
 from .. import blackbody
 from ..description import Light, Volume
-from .plan import MAP_KINDS_NUMBERS, PHASE_NUMBERS, SHADOW_KIND_NUMBERS, Plan, steps_across
+from .draws import steps_across
+from .planned import MAP_KINDS_NUMBERS, PHASE_NUMBERS, SHADOW_KIND_NUMBERS, Plan
 from .projection import relative_to
 from .resources import Placement
 

@@ -18,7 +18,7 @@ from ..description import Camera
 from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
-from ..render.plan import Plan
+from ..render.planned import Plan
 from ..render.renderer import Renderer, Samples, sample_shifts
 from ..settings import Settings
 from .refinement import FINISHED, Level, LevelName, Pace, finer_levels

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..description import Volume
+from ..render.draws import steps_across
 from ..render.measure import brute_force, converged
 from ..render.method import method_of
-from ..render.plan import steps_across
 from ..settings import BY_NAME, Settings
 
 LevelName = Literal["draft", "medium", "final", "finer", "exact"]

@@ -9,7 +9,7 @@ from typing import Any
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..description import Note, SceneDescription
-from ..render.plan import Plan
+from ..render.planned import Plan
 from .app import App
 from .error_text import duration, error_hint, error_words
 from .picture import Picture

@@ -10,7 +10,7 @@ from cases import CASES, FRONT, GRID, ROTATED, SIDE, fog
 import previs
 from previs import Settings, metrics
 from previs.description import SceneDescription
-from previs.render import plan
+from previs.render import draws
 
 pytestmark = pytest.mark.gl
 
@@ -42,7 +42,7 @@ def test_batches_of_lights(renderer: previs.Renderer, monkeypatch, method: str, 
     description = two_volumes_three_lights(solid, *more)
     settings = {"transmittance": method, "steps": 48, "light_steps": 48, "shadow_map_size": 256, "ambient": 0.1}
     expected = render(renderer, description, **settings)
-    monkeypatch.setattr(plan, "MAX_LIGHTS_PER_BATCH", size)
+    monkeypatch.setattr(draws, "MAX_LIGHTS_PER_BATCH", size)
     assert_same(render(renderer, description, **settings), expected)
 
 
@@ -50,7 +50,7 @@ def test_a_batched_march_is_right(renderer: previs.Renderer, monkeypatch) -> Non
     """Against the quadrature, with lights in batches of two."""
     from test_march_against_reference import measure
 
-    monkeypatch.setattr(plan, "MAX_LIGHTS_PER_BATCH", 2)
+    monkeypatch.setattr(draws, "MAX_LIGHTS_PER_BATCH", 2)
     case = CASES["five lights"]()
     assert measure(renderer, case, SIZE, 1e-4) <= case.limit
 
@@ -61,7 +61,7 @@ def test_slices_of_steps(renderer: previs.Renderer, monkeypatch, budget: int) ->
     description = two_volumes_three_lights()
     settings = {"transmittance": "march", "steps": 40, "light_steps": 8}
     expected = render(renderer, description, **settings)
-    monkeypatch.setattr(plan, "LOOP_BUDGET", budget)
+    monkeypatch.setattr(draws, "LOOP_BUDGET", budget)
     assert_same(render(renderer, description, **settings), expected)
 
 

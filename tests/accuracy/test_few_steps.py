@@ -9,7 +9,7 @@ import previs
 from previs import Settings, metrics
 from previs.bench.reference_scene import reference_image
 from previs.description import SceneDescription, Shaping
-from previs.render import plan
+from previs.render import draws
 
 pytestmark = pytest.mark.gl
 
@@ -43,7 +43,7 @@ def test_deep_steps_are_cut(renderer: previs.Renderer, record_property, monkeypa
     description = scene(box(fog(0.5 * depth), local_to_world=TURNED), light)
     truth = reference_image(description, FRONT, *SIZE)
     error = metrics.mean_relative_error(render(renderer, description, steps=64).color, truth.color)
-    monkeypatch.setattr(plan, "MOST_CUTS", 0)
+    monkeypatch.setattr(draws, "MOST_CUTS", 0)
     whole = metrics.mean_relative_error(render(renderer, description, steps=64).color, truth.color)
     record_property("cut", error)
     record_property("whole", whole)

@@ -14,7 +14,7 @@ from previs import Medium, Settings
 from previs.description import SceneDescription
 from previs.render import pieces
 from previs.render.pieces import Pace
-from previs.render.plan import Plan
+from previs.render.planned import Plan
 
 pytestmark = pytest.mark.gl
 

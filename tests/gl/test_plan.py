@@ -23,7 +23,8 @@ from previs import Medium, PrevisError, Settings
 from previs.description import SceneDescription, Shaping
 from previs.index import RenderIndex
 from previs.render.method import METHODS
-from previs.render.plan import Plan, make_plan
+from previs.render.plan import make_plan
+from previs.render.planned import Plan
 from previs.settings import BY_NAME
 
 NOISE = smooth_noise((8, 8, 8))

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from ..frame import Frame
-from ..plan import PassKind, PlannedPass
+from ..planned import PassKind, PlannedPass
 from .composite import run_composite
 from .fields import run_fields
 from .gather import run_gather

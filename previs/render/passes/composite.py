@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import moderngl
 
 from ..frame import Frame
-from ..plan import PlannedPass
+from ..planned import PlannedPass
 
 
 def run_composite(frame: Frame, planned: PlannedPass) -> Iterator[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ..frame import Frame
-from ..plan import PlannedPass
+from ..planned import PlannedPass
 
 
 def run_fields(frame: Frame, planned: PlannedPass) -> Iterator[float]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import moderngl
 
 from ..frame import BACKGROUND_DISTANCE, Frame
-from ..plan import PlannedPass
+from ..planned import PlannedPass
 from .gbuffer import FORMATS
 
 

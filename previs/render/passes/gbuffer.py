@@ -8,7 +8,7 @@ import moderngl
 
 from ...description import Surface
 from ..frame import BACKGROUND_DISTANCE, Frame
-from ..plan import PlannedPass
+from ..planned import PlannedPass
 from ..projection import gl
 
 FORMATS = ("f4", "f2", "f2", "f2")

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import moderngl
 
+from ..draws import projective_minimum
 from ..frame import Frame
-from ..plan import PlannedPass, projective_minimum
+from ..planned import PlannedPass
 
 
 def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:

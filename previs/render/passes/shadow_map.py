@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import moderngl
 
 from ..frame import Frame
-from ..plan import PlannedLight, PlannedPass
+from ..planned import PlannedLight, PlannedPass
 from ..projection import gl, relative_to
 
 

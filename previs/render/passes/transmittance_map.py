@@ -10,7 +10,7 @@ import numpy as np
 
 from ..frame import Frame
 from ..method import method_of
-from ..plan import MAP_KINDS_NUMBERS, PlannedMap, PlannedPass
+from ..planned import MAP_KINDS_NUMBERS, PlannedMap, PlannedPass
 from ..uniforms import step_length
 
 #: Stored optical depth that the start of an adaptive range may leave out.
