@@ -1,0 +1,91 @@
+"""How a march is cut into draws: the steps of a ray, and how many of them an invocation of a shader may take."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..description import Volume
+from ..errors import PrevisError
+from ..settings import Settings
+from .fields import field_dims
+from .method import method_of
+from .planned import DeviceLimits, counted
+
+MAX_LIGHTS_PER_BATCH = 64
+#: Bytes of a light, a volume and a pair of both in the uniform blocks; see uniforms.py.
+LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 12 * 16, 7 * 16
+#: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
+#: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
+LOOP_BUDGET = 50_000
+#: Optically deep steps of a ray that are cut once more, at the most: about two for every unit of optical depth until a
+#: ray is opaque in the last of three channels.
+MOST_CUTS = 160
+#: With fewer the front of a dense medium is not resolved.
+FEW_CUTS = 24
+#: Steps across the longest diagonal of a volume that has fewer voxels along it, when the number is left to the plan.
+LEAST_STEPS = 256
+#: No 3D texture has more voxels along its diagonal than this; a larger field is reduced.
+MOST_STEPS = 4096
+
+
+def steps_across(volume: Volume, wanted: int) -> int:
+    """Steps across the longest diagonal of a volume: as many as wanted, or for 0 at least one per voxel."""
+    if wanted:
+        return wanted
+    if volume.density is None:
+        return LEAST_STEPS
+    return min(max(LEAST_STEPS, math.ceil(float(np.linalg.norm(field_dims(volume.density) + 1)))), MOST_STEPS)
+
+
+def march_draws(
+    records, lights: int, settings: Settings, limits: DeviceLimits
+) -> tuple[tuple[range, ...], tuple[range, ...], int]:
+    """How a march is cut into draws: ranges of lights, ranges of the steps of a ray, and how many deep steps a draw may
+    cut.
+
+    Raises:
+        PrevisError: when the way to one light alone takes more steps than a draw may.
+    """
+    volumes = max(len(records), 1)
+    grids = [v for v in records if v.density is not None]
+    to_light = 0 if method_of(settings).has_maps else sum(_steps_to_light(v, settings) for v in grids)
+    # The search for a shadow's edge, the phase functions, and the way to the light.
+    per_light = 20 + 2 * volumes + to_light
+    if per_light > LOOP_BUDGET:
+        raise PrevisError(
+            f"{grids[0].path}: a march to a light takes {to_light} steps through {counted(len(grids), 'volume')}, "
+            f"a draw at most {LOOP_BUDGET}; set light_steps to {max(LOOP_BUDGET // (2 * len(grids)), 1)} or less"
+        )
+    pairs = limits.uniform_block_size // (PAIR_BYTES * volumes)
+    most = min(MAX_LIGHTS_PER_BATCH, pairs, limits.uniform_block_size // LIGHT_BYTES, LOOP_BUDGET // per_light)
+    # A power of two, as the blocks are sized in powers of two: few shader variants for many numbers of lights.
+    size = 2 ** int(math.log2(max(most, 1)))
+    batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
+    # A ray takes no more steps than it would in every volume apart, and one more for each of its segments; in a spot's
+    # projection a segment has a least number of steps.
+    segments = 2 * volumes
+    steps = sum(steps_across(v, settings.steps) for v in records) + segments * 3
+    if not grids:
+        steps += segments * projective_minimum(settings)
+    # A step may begin a segment, behind a gap; finding the first one passes all that lie before it.
+    per_step = 3 * (volumes + 1) + max(len(b) for b in batches) * per_light
+    # Rather shorter slices than uncut steps; a slice takes one step at the least.
+    cuts = min(MOST_CUTS, 3 * LOOP_BUDGET // (4 * per_step))
+    length = max(1, (LOOP_BUDGET - segments * (volumes + 2)) // per_step - cuts)
+    slices = tuple(range(i, min(i + length, steps)) for i in range(0, steps, length))
+    return batches, slices, cuts
+
+
+def _steps_to_light(volume: Volume, settings: Settings) -> int:
+    """Iterations of a march through a volume towards a light, at the most."""
+    if settings.light_steps:
+        return settings.light_steps + 1
+    # From cell to cell: one crossing of a face after another along each axis.
+    return int(np.minimum(field_dims(volume.density) + 2, MOST_STEPS).sum()) + 3
+
+
+def projective_minimum(settings: Settings) -> int:
+    """The least number of steps that a ray takes in a spot's projection, however short its way through the cone."""
+    return max((settings.steps or LEAST_STEPS) // 4, 1)
