@@ -14,7 +14,9 @@ from .atlas import AtlasLayout
 from .projection import MAP_KINDS, SHADOW_KINDS, CameraRays, LightMap, ShadowFit
 from .scattered import ScatteredPixels
 
-PassKind = Literal["fields", "shadow_map", "transmittance_map", "gbuffer", "gather", "surface", "march", "composite"]
+PassKind = Literal[
+    "fields", "shadow_map", "transmittance_map", "gbuffer", "gather", "surface", "march", "composite", "floor"
+]
 
 PHASE_NUMBERS = {"isotropic": 0, "hg": 1, "schlick": 2, "rayleigh": 3, "two_lobe": 4}
 MAP_KINDS_NUMBERS = {kind: number for number, kind in enumerate(MAP_KINDS)}

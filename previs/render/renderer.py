@@ -457,6 +457,12 @@ class Renderer:
         memory = settings.field_memory * 2**20
         self._frame.shared.packed.prepare(f, memory, self.limits.texture_3d_size, components)
 
+    def forget_drawn(self) -> None:
+        """Let the next draw run every pass again but the upload of the voxels, which stay."""
+        self._stop()
+        self._states = {name: state for name, state in self._states.items() if name == "fields"}
+        self._finished = None
+
     def forget_scene(self) -> None:
         """Free what belongs to the scene last rendered; compiled shaders stay."""
         self._stop()

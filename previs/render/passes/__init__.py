@@ -14,6 +14,7 @@ from ..frame import Frame
 from ..planned import PassKind, PlannedPass
 from .composite import run_composite
 from .fields import run_fields
+from .floor import run_floor
 from .gather import run_gather
 from .gbuffer import run_gbuffer
 from .march import run_march
@@ -23,6 +24,7 @@ from .transmittance_map import run_transmittance_map
 
 RUNNERS: dict[PassKind, Callable[[Frame, PlannedPass], Iterator[float]]] = {
     "fields": run_fields,
+    "floor": run_floor,
     "shadow_map": run_shadow_map,
     "transmittance_map": run_transmittance_map,
     "gbuffer": run_gbuffer,
