@@ -11,10 +11,12 @@ import threading
 from collections import OrderedDict
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from ..description import Field
+from .cells import cells_of
 
 #: Largest edge of a 3D texture assumed when a plan is made without a device; GL 3.3 drivers in use offer this.
 DEFAULT_TEXTURE_LIMIT = 2048
@@ -42,6 +44,18 @@ class PackedField:
         """Texels along x, y, z."""
         z, y, x = self.values.shape[:3]
         return x, y, z
+
+    @property
+    def scalars(self) -> np.ndarray:
+        """The values as float16 of shape (z, y, x): of vectors the means of their components."""
+        if self.values.ndim == 3:
+            return self.values
+        return self.values[..., :3].mean(axis=-1, dtype=np.float32).astype(np.float16)
+
+    @cached_property
+    def cells(self) -> tuple[np.ndarray, int]:
+        """The cells of the scalar values, and their edge; see cells.py."""
+        return cells_of(self.scalars)
 
 
 def _block_dims(dims: np.ndarray, factor: int) -> np.ndarray:
@@ -152,6 +166,8 @@ class PackedStore:
             held = self._stored[key] = _Stored(f.key)
         try:
             held.packed = pack(f, memory, texture_limit, components)
+            if components == 1:
+                held.packed.cells  # noqa: B018  # computed here rather than by the thread that draws
         except BaseException:
             with self._lock:
                 self._stored.pop(key, None)

@@ -16,7 +16,7 @@ from .planned import Plan
 from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
 from .shader import Program, ShaderCache
 
-#: Texture units by sampler name; no program reads more than the 16 that GL 3.3 guarantees.
+#: Texture units by sampler name. GL 3.3 guarantees 48 of them, and 16 samplers in one fragment shader.
 UNITS = {
     "density_atlas": 0,
     "shadow_atlas": 1,
@@ -34,6 +34,7 @@ UNITS = {
     "emission_atlas": 13,
     "blackbody_table": 14,
     "scattered_pixels": 15,
+    "density_cells": 16,
     "previous_scattered": 9,
     "previous_transmittance": 10,
     "previous_emission": 11,
@@ -83,7 +84,7 @@ class Frame:
         self.shared = share.shared if share is not None else Shared(context)
         self.shared.users.add(self)
         self.shaders, packed = self.shared.shaders, self.shared.packed
-        self.density = FieldAtlas(context, 1, packed, share and share.density)
+        self.density = FieldAtlas(context, 1, packed, share and share.density, with_cells=True)
         self.temperature = FieldAtlas(context, 1, packed, share and share.temperature)
         self.emission = FieldAtlas(context, 4, packed, share and share.emission)
         self.maps = MapAtlas(context)
@@ -142,9 +143,11 @@ class Frame:
             camera_depths=(rays.anchor_depth, rays.near, rays.far),
         )
 
-    def bind_pixels(self, program: Program) -> None:
-        """Set the uniforms of pixel.glsl where the plan draws scattered pixels."""
+    def bind_pixels(self, program: Program, stride: int = 1) -> None:
+        """Set the uniforms of pixel.glsl; `stride` is how many pixels of the picture lie from one texel of the target
+        to the next, where the plan draws no scattered pixels."""
         plan = self.plan
+        program.set(image_size=(plan.width, plan.height), pixel_stride=stride)
         if plan.pixels is None:
             return
         key = (plan.pixels.key, plan.height)
@@ -155,7 +158,6 @@ class Frame:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
             self._pixels = (key, texture)
         self.bind(scattered_pixels=self._pixels[1])
-        program.set(image_size=(plan.width, plan.height))
 
     @property
     def geometry(self) -> list[moderngl.Texture]:
@@ -173,7 +175,7 @@ class Frame:
             layers = {f"map_values{i}": t for i, t in enumerate(self.maps.values)}
             self.bind(map_range=self.maps.range, **layers)
             program.set(map_size=float(plan.map_size))
-        self.bind(density_atlas=self.density.texture)
+        self.bind(density_atlas=self.density.texture, density_cells=self.density.cells)
         if plan.shadow_tiles:
             self.bind(shadow_atlas=self.shadows.texture)
             program.set(shadow_tiling=self.shadows.tiling(plan))
@@ -224,7 +226,8 @@ class Frame:
                 atlas.release()
         if not plan.meshes:
             self.meshes.release()
-        self.targets.keep(used | ({"march_other"} if len(plan.batches) * len(plan.slices) > 1 else set()))
+        turns = {f"{name}_other" for name in ("march", "upsample")} if len(plan.batches) * len(plan.slices) > 1 else set()
+        self.targets.keep(used | turns)
 
     def field_serials(self) -> tuple[int, ...]:
         """Numbers that move when the voxels held are no longer those that were uploaded for this frame."""

@@ -24,13 +24,18 @@ LINEAR = (moderngl.LINEAR, moderngl.LINEAR)
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a field lies in its atlas: its unit box to atlas coordinates, the value of a texel of 1, and box →
-    local."""
+    """Where a field lies in its atlas: its unit box to atlas coordinates, the value of a texel of 1, and box → local.
+
+    `cells_scale` is the number of its cells that the box spans, and `cells_offset` the first texel of them; zeros in
+    an atlas without cells.
+    """
 
     scale: np.ndarray
     offset: np.ndarray
     value: float
     box_to_local: np.ndarray
+    cells_scale: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    cells_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def scale_row(self) -> tuple[float, ...]:
         """Row of a uniform block: scale and value."""
@@ -90,14 +95,19 @@ class _Voxels:
     texture: moderngl.Texture3D | None = None
     blocks: dict[Hashable, PackedField] = field(default_factory=dict)
     corners: dict[Hashable, tuple[int, int, int]] = field(default_factory=dict)
+    cells: moderngl.Texture3D | None = None
+    cell_corners: dict[Hashable, tuple[int, int, int]] = field(default_factory=dict)
     serial: int = 0
     users: set[FieldAtlas] = field(default_factory=set)
 
     def free(self) -> None:
+        for texture in (self.texture, self.cells):
+            if texture is not None:
+                texture.release()
         if self.texture is not None:
-            self.texture.release()
             self.serial = next(_serials)
         self.texture, self.blocks, self.corners = None, {}, {}
+        self.cells, self.cell_corners = None, {}
 
 
 _serials = itertools.count(1)
@@ -112,12 +122,19 @@ class FieldAtlas:
         packed: where packed fields are taken from.
         share: another atlas of the same context and components, whose texture this one uses too. Whoever asks for
             other fields replaces its content; `serial` tells.
+        with_cells: whether to hold the cells of the fields too.
     """
 
     def __init__(
-        self, context: moderngl.Context, components: int, packed: PackedStore, share: FieldAtlas | None = None
+        self,
+        context: moderngl.Context,
+        components: int,
+        packed: PackedStore,
+        share: FieldAtlas | None = None,
+        with_cells: bool = False,
     ) -> None:
         self._context, self._components, self._packed = context, components, packed
+        self._with_cells = with_cells
         self._voxels = share._voxels if share is not None else _Voxels()
         self.placements: dict[str, Placement] = {}
 
@@ -125,6 +142,11 @@ class FieldAtlas:
     def texture(self) -> moderngl.Texture3D | None:
         """The texture; None where nothing is held."""
         return self._voxels.texture if self in self._voxels.users else None
+
+    @property
+    def cells(self) -> moderngl.Texture3D | None:
+        """The texture of the cells; None where nothing is held, or without cells."""
+        return self._voxels.cells if self in self._voxels.users else None
 
     @property
     def serial(self) -> int:
@@ -155,31 +177,45 @@ class FieldAtlas:
             # The block's transform belongs to the field that was packed; this one may sit elsewhere.
             box_to_local = block.box_to_index @ np.asarray(f.index_to_local, float)
             corner = np.array(voxels.corners[key], float)
-            self.placements[path] = Placement((size - 1.0) / atlas, (corner + 0.5) / atlas, block.scale, box_to_local)
+            cells = ()
+            if self._with_cells:
+                cells = (size - 1.0) / block.cells[1], np.array(voxels.cell_corners[key], float)
+            self.placements[path] = Placement(
+                (size - 1.0) / atlas, (corner + 0.5) / atlas, block.scale, box_to_local, *cells
+            )
 
     def _upload(self, blocks: dict[Hashable, PackedField], limit: int) -> None:
         voxels = self._voxels
         voxels.free()
         keys = list(blocks)
-        size, corners = pack_boxes([blocks[k].size for k in keys], limit)
-        if len(keys) == 1:
-            texture = self._context.texture3d(size, self._components, self._shaped(blocks[keys[0]]), dtype="f2")
-        else:
-            texture = self._context.texture3d(size, self._components, dtype="f2")
-            for key, corner in zip(keys, corners, strict=True):
-                texture.write(self._shaped(blocks[key]), viewport=(*corner, *blocks[key].size))
-        texture.filter = LINEAR
-        texture.repeat_x = texture.repeat_y = texture.repeat_z = False
-        voxels.texture, voxels.blocks, voxels.serial = texture, blocks, next(_serials)
+        voxels.texture, corners = self._packed_texture([self._shaped(blocks[k]) for k in keys], limit)
+        voxels.texture.filter = LINEAR
+        voxels.blocks, voxels.serial = blocks, next(_serials)
         voxels.corners = dict(zip(keys, corners, strict=True))
+        if self._with_cells:
+            voxels.cells, corners = self._packed_texture([blocks[k].cells[0] for k in keys], limit)
+            voxels.cells.filter = NEAREST
+            voxels.cell_corners = dict(zip(keys, corners, strict=True))
+
+    def _packed_texture(
+        self, blocks: Sequence[np.ndarray], limit: int
+    ) -> tuple[moderngl.Texture3D, list[tuple[int, int, int]]]:
+        """One texture of several blocks (z, y, x[, components]), and where each of them begins."""
+        sizes = [tuple(reversed(b.shape[:3])) for b in blocks]
+        components = blocks[0].shape[3] if blocks[0].ndim == 4 else 1
+        size, corners = pack_boxes(sizes, limit)
+        texture = self._context.texture3d(size, components, blocks[0] if len(blocks) == 1 else None, dtype="f2")
+        if len(blocks) > 1:
+            for block, box, corner in zip(blocks, sizes, corners, strict=True):
+                texture.write(block, viewport=(*corner, *box))
+        texture.repeat_x = texture.repeat_y = texture.repeat_z = False
+        return texture, corners
 
     def _shaped(self, block: PackedField) -> np.ndarray:
         """The block's values with the atlas's number of components."""
-        values = block.values
-        if self._components == 1 and values.ndim == 4:
-            return np.ascontiguousarray(values[..., :3].mean(axis=-1, dtype=np.float32).astype(np.float16))
+        values = block.scalars if self._components == 1 else block.values
         if self._components == 4 and values.ndim == 3:
-            return np.ascontiguousarray(np.repeat(values[..., None], 4, axis=-1))
+            values = np.repeat(values[..., None], 4, axis=-1)
         return np.ascontiguousarray(values)
 
     def release(self) -> None:

@@ -24,7 +24,7 @@ BLOCKS = {
     "Emissions": EMISSIONS_BINDING,
 }
 
-_VOLUME_ROWS = 10
+_VOLUME_ROWS = 12
 _LIGHT_ROWS = 14
 _LIGHT_MAP_ROWS = 7
 _EMISSION_ROWS = 12
@@ -72,6 +72,7 @@ def pack_volumes(plan: Plan, placements: dict[str, Placement]) -> bytes:
         if volume.density is not None:
             placement = placements[volume.path]
             row[4], row[5] = placement.scale_row(), placement.offset_row()
+            row[10, :3], row[11, :3] = placement.cells_scale, placement.cells_offset
             shape = _SHAPE_GRID
         else:
             shape = {"Box": _SHAPE_BOX, "Sphere": _SHAPE_SPHERE, "Capsule": _SHAPE_CAPSULE}[type(volume.shape).__name__]

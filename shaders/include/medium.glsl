@@ -9,6 +9,8 @@ struct Volume {
     vec4 albedo;         // rgb; w: SHAPE_*
     vec4 phase;          // anisotropy, second anisotropy, lobe mix, PHASE_*
     vec4 emission;       // emitted radiance rgb; w: half height of a capsule in radii
+    vec4 cells_scale;    // box -> cells of the density field
+    vec4 cells_offset;   // first texel of the field's cells
 };
 
 const int SHAPE_GRID = 0;
@@ -21,6 +23,7 @@ layout(std140) uniform Volumes { Volume volumes[VOLUME_COUNT]; };
 
 #if HAS_GRIDS
 uniform sampler3D density_atlas;
+uniform sampler3D density_cells;  // positive: largest density in a cell / atlas_scale.w; negative: minus the distance to the next such
 #endif
 
 // Parameters where a ray enters and leaves the unit cube; empty when x >= y.
@@ -103,4 +106,14 @@ float density_at(int v, vec3 position) {
 #endif
     return 1.0;
 }
+
+#if HAS_GRIDS
+// What is known of the density of grid v in one of its cells, given in cells from the corner of the box. Positive: no density in it has
+// a larger magnitude. Negative: it is empty, and so are all cells that are fewer than so many cells away along every axis.
+float density_cell(int v, vec3 cell) {
+    vec3 last = ceil(volumes[v].cells_scale.xyz) - 1.0;
+    float found = texelFetch(density_cells, ivec3(clamp(floor(cell), vec3(0.0), last) + volumes[v].cells_offset.xyz), 0).r;
+    return found > 0.0 ? found * volumes[v].atlas_scale.w : found;
+}
+#endif
 #endif
