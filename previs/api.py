@@ -11,19 +11,17 @@ import threading
 import weakref
 from collections.abc import Callable, Sequence
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from .description import Camera, SceneDescription, framing_camera
 from .errors import PrevisError
-from .image import Image
-from .index import RenderIndex
-from .render.choosing import render_within
-from .render.measure import ErrorMeter
-from .render.renderer import Renderer
-from .scene import Scene
-from .settings import Settings
+
+# The functions load what they need: `import previs` alone takes neither USD nor numpy.
+if TYPE_CHECKING:
+    from .description import Camera, SceneDescription
+    from .image import Image
+    from .index import RenderIndex
+    from .render.renderer import Renderer
+    from .scene import Scene
 
 DEFAULT_WIDTH = 960
 
@@ -38,6 +36,8 @@ def open(path: str | PathLike[str], session_layer: str | PathLike[str] | None = 
     Raises:
         PrevisError: one line that names the file and what is wrong.
     """
+    from .scene import Scene
+
     return Scene.open(path, session_layer=session_layer)
 
 
@@ -48,12 +48,15 @@ class _Shared:
         self.lock = threading.RLock()
         self._renderer: Renderer | None = None
         self._scene: weakref.ref[Scene] | None = None
-        self._index = RenderIndex()
+        self._index: RenderIndex | None = None
 
     def take(self, scene: Scene) -> tuple[Renderer, RenderIndex]:
+        from .index import RenderIndex
+        from .render.renderer import Renderer
+
         if self._renderer is None:
             self._renderer = Renderer()
-        if self._scene is None or self._scene() is not scene:
+        if self._index is None or self._scene is None or self._scene() is not scene:
             self._renderer.forget_scene()
             self._scene, self._index = weakref.ref(scene), RenderIndex()
         return self._renderer, self._index
@@ -76,6 +79,8 @@ def choose_camera(
     Raises:
         PrevisError: when the stage has no camera of that name; the message lists those it has.
     """
+    from .description import Camera, framing_camera
+
     if isinstance(camera, Camera):
         return camera
     return scene.camera(camera, time) or framing_camera(description)
@@ -87,6 +92,8 @@ def choose_size(camera: Camera, size: Sequence[int] | int | None) -> tuple[int, 
     Raises:
         ValueError: when it is neither.
     """
+    import numpy as np
+
     pixels = np.asarray(DEFAULT_WIDTH if size is None else size)
     if pixels.dtype.kind not in "iu" or pixels.shape not in ((), (2,)):
         raise ValueError(f"size: {size!r} is neither (width, height) nor a width, in whole pixels")
@@ -127,6 +134,9 @@ def render(
         PrevisError: one line that says what cannot be rendered and why.
         ValueError: for an unknown setting or an illegal value.
     """
+    from .scene import Scene
+    from .settings import Settings
+
     # Said before anything is opened.
     Settings(**settings)
     if max_error is not None and not max_error > 0.0:
@@ -144,6 +154,8 @@ def render(
         renderer, index = _shared.take(scene)
         index.update(description)
         if max_error is not None:
+            from .render.choosing import render_within
+
             image, _ = render_within(
                 renderer, index, chosen, pixels, values, max_error, fixed=settings, progress=progress
             )
@@ -151,5 +163,7 @@ def render(
         image = renderer.render(index, chosen, pixels, values, progress)
         if not measure_error:
             return image
+        from .render.measure import ErrorMeter
+
         with ErrorMeter(renderer) as meter:
             return image.with_error(meter.measure(index, chosen, image, values))

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.metadata
 import os
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from .errors import PrevisError
 
@@ -32,18 +31,45 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {' '.join(message.split())} (see {self.prog} --help)\n")
 
 
+class _CommandParser(_Parser):
+    """The parser of one command, which loads the command's module when it is the one that was asked for."""
+
+    module = ""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
+        if self.module:
+            module = importlib.import_module(f".commands.{self.module}", __package__)
+            self.module = ""
+            module.add_arguments(self)
+            self.set_defaults(run=module.run, parser=self)
+        return super().parse_known_args(args, namespace)
+
+
+class _Version(argparse.Action):
+    """Prints the version; what finds it out is loaded only then."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help="show program's version number and exit")
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        print(f"previs {version('previs')}")
+        parser.exit()
+
+
 def build_parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
     parser = _Parser(
         prog="previs", description="A volumetric previewer for USD stages: smoke, clouds and fire, lit and shadowed."
     )
-    parser.add_argument("--version", action="version", version=f"previs {importlib.metadata.version('previs')}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="|".join(_COMMANDS))
+    parser.add_argument("--version", action=_Version)
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="|".join(_COMMANDS), parser_class=_CommandParser
+    )
     for name, summary in _COMMANDS.items():
-        module = importlib.import_module(f".commands.{name}", __package__)
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
-        module.add_arguments(command)
-        command.set_defaults(run=module.run, parser=command)
+        command.module = name
     return parser
 
 

@@ -5,18 +5,22 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
-import secrets
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import OpenImageIO as oiio
 
 from .errors import PrevisError
-from .image import Image
+
+# OpenImageIO is loaded by the functions that read or write files or look through OpenColorIO: it takes as long as USD
+# takes to open a small stage, and many who ask for a name of this module need none of it.
+if TYPE_CHECKING:
+    import OpenImageIO as oiio
+
+    from .image import Image
 
 LINEAR_FORMATS = (".exr",)
 DISPLAY_FORMATS = (".png", ".jpg", ".jpeg")
@@ -179,6 +183,8 @@ def color_views() -> ColorViews:
 
 @functools.lru_cache(maxsize=4)
 def _color_views(name: str) -> ColorViews:
+    import OpenImageIO as oiio
+
     config = oiio.ColorConfig(name)
     shown = config.getDefaultDisplayName()
     cause = " ".join(config.geterror().split())
@@ -210,6 +216,8 @@ def _bake_lut(name: str, shown: str, view: str, size: int) -> DisplayLut:
 
 
 def _open_color_io(linear: np.ndarray, shown: str, view: str, name: str | None = None) -> np.ndarray:
+    import OpenImageIO as oiio
+
     name = name or config_name()
     source = "lin_rec709"
     buffer = oiio.ImageBuf(np.ascontiguousarray(linear, np.float32))
@@ -228,6 +236,8 @@ def save_image(
     ocio_view: str | None = None,
 ) -> None:
     """Write a picture; see `Image.save`, and `display` for `ocio_display` and `ocio_view`."""
+    import OpenImageIO as oiio
+
     ending = check_format(path)
     if ending in LINEAR_FORMATS:
         planes = [("R", image.color[..., 0]), ("G", image.color[..., 1]), ("B", image.color[..., 2])]
@@ -276,7 +286,7 @@ def written_beside(path: Path) -> Iterator[Path]:
         PrevisError: when the folder cannot be written to.
     """
     # Named before it is made: whatever interrupts the making, it is known what to remove.
-    beside = path.with_name(f".{path.stem}.{secrets.token_hex(6)}{path.suffix.lower()}")
+    beside = path.with_name(f".{path.stem}.{os.urandom(6).hex()}{path.suffix.lower()}")
     try:
         try:
             beside.touch(exist_ok=False)
@@ -302,6 +312,8 @@ def write_text(path: Path, text: str) -> None:
 
 
 def _write(path: Path, pixels: np.ndarray, spec: oiio.ImageSpec) -> None:
+    import OpenImageIO as oiio
+
     with written_beside(path) as beside:
         output = oiio.ImageOutput.create(str(beside))
         if output is None or not output.open(str(beside), spec):
@@ -320,6 +332,8 @@ def load_color(path: str | PathLike[str]) -> tuple[np.ndarray, bool]:
     Raises:
         PrevisError: when the file is missing or cannot be read.
     """
+    import OpenImageIO as oiio
+
     name = os.fspath(path)
     if not os.path.isfile(name):
         raise PrevisError(f"{name}: no such file")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import sys
 import time as clock
@@ -89,14 +90,13 @@ def run(arguments: argparse.Namespace) -> int:
         if file is not None and not Path(file).parent.is_dir():
             raise PrevisError(f"{file}: there is no folder {Path(file).parent}")
     from ..index import RenderIndex
-    from ..render.choosing import render_within
-    from ..render.measure import ErrorMeter
     from ..render.renderer import Renderer
 
     measures = bool(arguments.stats) if arguments.measure_error is None else arguments.measure_error
     said: set[str] = set()
     records, failed = [], 0
-    with open_scene(arguments) as scene, Renderer() as renderer, ErrorMeter(renderer) as meter:
+    with open_scene(arguments) as scene, Renderer() as renderer, contextlib.ExitStack() as stack:
+        meter = _meter(renderer, stack) if measures else None
         if arguments.disableGpu and not renderer.is_software:
             print(
                 f"warning: --disableGpu: this driver has no software rasteriser; {renderer.device} draws",
@@ -120,6 +120,8 @@ def run(arguments: argparse.Namespace) -> int:
                 progress = _progress(number, len(frames), frame)
                 unmeasured = choice = None
                 if arguments.max_error is not None:
+                    from ..render.choosing import render_within
+
                     limit = arguments.max_error
                     image, choice = render_within(
                         renderer, index, camera, size, chosen, limit, explicit, number, progress, previous
@@ -127,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
                     previous = choice.settings if choice.met else None
                 else:
                     image = renderer.render(index, camera, size, chosen, progress)
-                if measures and choice is None:
+                if meter is not None and choice is None:
                     try:
                         image = image.with_error(meter.measure(index, camera, image, chosen, number))
                     except PrevisError as error:
@@ -170,6 +172,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.stats:
         write_text(Path(arguments.stats), json.dumps({"stage": arguments.stage, "frames": records}, indent=2) + "\n")
     return 1 if failed else 0
+
+
+def _meter(renderer, stack: contextlib.ExitStack):
+    """What measures errors, released with the stack."""
+    from ..render.measure import ErrorMeter
+
+    return stack.enter_context(ErrorMeter(renderer))
 
 
 def _reference(settings, description):

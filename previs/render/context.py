@@ -9,7 +9,6 @@ from collections.abc import Callable
 import moderngl
 
 from ..errors import PrevisError
-from .osmesa import OSMesaContext
 
 REQUIRED_VERSION = 330
 #: Environment variable that picks one of `BACKENDS` instead of trying them in order.
@@ -41,6 +40,9 @@ def _platform() -> moderngl.Context:
 
 
 def _osmesa() -> moderngl.Context:
+    # It searches the system for a library, with modules that nobody else needs.
+    from .osmesa import OSMesaContext
+
     return moderngl.create_context(require=REQUIRED_VERSION, context=OSMesaContext())
 
 

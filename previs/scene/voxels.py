@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,9 @@ from pxr import Gf, Sdf, UsdVol, Vt
 from .. import vdb
 from .arguments import Vector, checked_box, checked_transform
 from .attributes import set_value
+
+if TYPE_CHECKING:
+    import tempfile
 
 
 class VoxelFiles:
@@ -66,6 +69,8 @@ class VoxelFiles:
 
     def _new_path(self, name: str) -> str:
         if self._folder is None:
+            import tempfile
+
             self._folder = tempfile.TemporaryDirectory(prefix="previs-scene-")
         self._count += 1
         return os.path.join(self._folder.name, f"{name}_{self._count}.vdb")

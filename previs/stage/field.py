@@ -6,7 +6,6 @@ Fields resolve their file through USD, so a path is relative to the layer that a
 from __future__ import annotations
 
 import os
-import tempfile
 import threading
 from collections import Counter, OrderedDict
 from collections.abc import Hashable
@@ -224,6 +223,8 @@ def _read_file(resolved: str, name: str) -> list[SparseGrid]:
     asset = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(resolved))
     if not asset:
         raise PrevisError(f"{resolved}: no such file in the package")
+    import tempfile
+
     with tempfile.TemporaryDirectory(prefix="previs-") as folder:
         path = os.path.join(folder, "field.vdb")
         with open(path, "wb") as file:

@@ -6,8 +6,24 @@
 >>> density.dense(*density.bounds)
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
 from .grid import DENSE_LIMIT, Grid, Tiles
 from .reader import GridInfo, read, read_metadata
-from .writer import write
+
+if TYPE_CHECKING:
+    from .writer import write
 
 __all__ = ["DENSE_LIMIT", "Grid", "GridInfo", "Tiles", "read", "read_metadata", "write"]
+
+
+def __getattr__(name: str) -> Any:
+    # Who reads a file need not load what writes one.
+    if name != "write":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from .writer import write
+
+    globals()["write"] = write
+    return write

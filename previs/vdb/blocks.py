@@ -8,11 +8,10 @@ one part is stored raw, which real files hold.
 
 from __future__ import annotations
 
+import functools
 import struct
 import zlib
-
-import blosc
-from blosc.blosc_extension import error as BloscError
+from collections.abc import Callable
 
 from .layout import COMPRESS_BLOSC, COMPRESS_ZIP
 
@@ -60,6 +59,15 @@ def _unzip(block: memoryview, size: int) -> bytes:
     return values
 
 
+@functools.cache
+def _blosc() -> tuple[Callable[[memoryview], bytes], type[Exception]]:
+    """The decompressor and its error, loaded when a file asks for them: their package brings its own tests along."""
+    import blosc
+    from blosc.blosc_extension import error
+
+    return blosc.decompress, error
+
+
 def _unblosc(block: memoryview, size: int) -> bytes:
     if len(block) < _BLOSC_HEADER:
         raise ValueError("a Blosc block is shorter than its header")
@@ -69,8 +77,9 @@ def _unblosc(block: memoryview, size: int) -> bytes:
     needed = full if blosc_flags & _BLOSC_STORED else 4 * -(-full // per_block)
     if len(block) < _BLOSC_HEADER + needed:
         raise ValueError("a Blosc block is shorter than its header says")
+    decompress, BloscError = _blosc()
     try:
-        values = blosc.decompress(block)
+        values = decompress(block)
     except BloscError as error:
         raise ValueError(f"a Blosc block cannot be unpacked ({error})") from None
     if len(values) != size:
