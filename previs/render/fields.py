@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..description import Field
 from .cells import cells_of
@@ -106,31 +107,34 @@ def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, 
     grid = field.grid
     lo, hi = (np.asarray(b, np.int64) for b in grid.bounds)
     factor = planned_reduction(field, memory, texture_limit, components)
-    if factor == 1:
-        # The size was checked against the memory above; the grid's own limit is for those who did not.
-        dense = grid.dense(lo - 1, hi + 1, limit=int(np.prod(hi - lo + 3)))
-        first = lo - 1
-    else:
-        dense = _reduced(grid, lo, hi, factor)
-        first = lo // factor - 1
-    peak = max(float(dense.max()), -float(dense.min())) if dense.size else 0.0
     # Values are stored relative to the peak: densities far outside the range of a half float keep their precision.
-    scale = peak if peak > 0.0 and np.isfinite(peak) else 1.0
-    if dense.dtype.kind != "f":
-        dense = dense.astype(np.float32)
-    if scale != 1.0:
-        dense = np.divide(dense, dense.dtype.type(scale), out=dense if dense.flags.writeable else None)
+    if factor == 1:
+        first, scale = lo - 1, _scale(grid.background, grid.leaf_values, grid.tiles.value, grid.inactive_tiles.value)
+        # The size was checked against the memory above; the grid's own limit is for those who did not.
+        limit = int(np.prod(hi - lo + 3))
+        dense = grid.dense(lo - 1, hi + 1, limit, dtype=np.float16, divisor=scale, order="F")
+    else:
+        first, dense = lo // factor - 1, _reduced(grid, lo, hi, factor)
+        scale = _scale(dense)
+        dense /= dense.dtype.type(scale)
     if dense.ndim == 4:
         values = np.zeros((*dense.shape[2::-1], 4), np.float16)
         values[..., :3] = dense.transpose(2, 1, 0, 3)
     else:
-        values = dense.transpose(2, 1, 0).astype(np.float16, order="C")
+        values = dense.transpose(2, 1, 0).astype(np.float16, order="C", copy=False)
     # Box coordinate 0 is the centre of the block's first voxel, 1 that of its last.
     cells = np.array(dense.shape[:3], float) - 1.0
     box_to_index = np.eye(4)
     box_to_index[:3, :3] = np.diag(cells * factor)
     box_to_index[3, :3] = (first + 0.5) * factor - 0.5
     return PackedField(values, scale, box_to_index, factor)
+
+
+def _scale(*arrays: ArrayLike) -> float:
+    """The largest magnitude in some arrays; 1 where that is nothing to divide by."""
+    filled = [a for a in map(np.asarray, arrays) if a.size]
+    peak = max((max(float(a.max()), -float(a.min())) for a in filled), default=0.0)
+    return peak if peak > 0.0 and np.isfinite(peak) else 1.0
 
 
 @dataclass(eq=False)

@@ -8,12 +8,12 @@ instance shares the tree of its parent): copy before writing into them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from .layout import LEAF_SIZE, VALUE_SPECS, ValueSpec
 
@@ -122,12 +122,25 @@ class Grid:
             return None
         return np.min(lows, axis=0), np.max(highs, axis=0)
 
-    def dense(self, lo: ArrayLike, hi: ArrayLike, limit: int = DENSE_LIMIT) -> np.ndarray:
+    def dense(
+        self,
+        lo: ArrayLike,
+        hi: ArrayLike,
+        limit: int = DENSE_LIMIT,
+        *,
+        dtype: DTypeLike = None,
+        divisor: float = 1.0,
+        order: Literal["C", "F"] = "C",
+    ) -> np.ndarray:
         """The values of an index box as one array.
 
         ``lo`` and ``hi`` are three integers each, both inclusive; the box may reach beyond the grid. The result is
         (hi − lo + 1) voxels [x, y, z], with a last axis of 3 for vectors: for each voxel what OpenVDB's accessor
         returns, so inactive voxels have their stored value and everything outside has the background.
+
+        Values are divided by ``divisor``, integers as float32, and converted to ``dtype`` (default: the grid's own)
+        before they are spread out: a box that is mostly background costs little more than its leaves. ``order`` is
+        that of the memory: "C" has z fastest, "F" has x.
 
         Raises ValueError if ``hi`` is below ``lo`` or the box has more than ``limit`` voxels (default 2²⁸): a grid
         of a kilobyte may span thousands of voxels along each axis.
@@ -142,15 +155,29 @@ class Grid:
                 f"grid {self.name!r}: a dense array of {shape[0]}×{shape[1]}×{shape[2]} voxels is over the limit "
                 f"of {limit} voxels; ask for a smaller box or raise the limit"
             )
+        scalar = np.dtype(self.spec.scalar if dtype is None else dtype)
+
+        def converted(values: np.ndarray) -> np.ndarray:
+            if divisor != 1.0:
+                real = values if values.dtype.kind == "f" else values.astype(np.float32)
+                values = real / real.dtype.type(divisor)
+            return values.astype(scalar, copy=False)
+
         try:
-            out = np.empty((*shape, *self.spec.shape), self.spec.scalar)
+            # Zeroed memory costs nothing where it stays untouched.
+            out = np.zeros((*shape, *self.spec.shape), scalar, order)
         except MemoryError:
             raise ValueError(f"grid {self.name!r}: there is no memory for {count} voxels") from None
-        out[...] = self.background
+        if np.any(self.background):
+            out[...] = converted(np.asarray(self.background, self.spec.scalar))
         lower, upper = np.array(low, np.int64), np.array(high, np.int64)
         for tiles in (self.inactive_tiles, self.tiles):
-            _paint_tiles(out, lower, upper, tiles)
-        _paint_leaves(out, lower, upper, self.leaf_origins, self.leaf_values)
+            _paint_tiles(out, lower, upper, replace(tiles, value=converted(tiles.value)))
+        leaves = converted(self.leaf_values)
+        if order == "F":
+            # Leaves in the order of the box: what is copied then lies together on both sides.
+            leaves = np.ascontiguousarray(leaves.swapaxes(1, 3)).swapaxes(1, 3)
+        _paint_leaves(out, lower, upper, self.leaf_origins, leaves)
         return out
 
     @classmethod

@@ -119,3 +119,14 @@ def test_a_huge_box_is_refused_in_words():
 def test_what_is_no_grid_is_refused_in_words(array, matrix, words):
     with pytest.raises(ValueError, match=words):
         Grid.from_dense("density", array, matrix)
+
+
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_dense_converts_what_it_spreads(order):
+    array = np.random.default_rng(3).random((9, 12, 17)).astype(np.float32) * 40.0
+    grid = Grid.from_dense("density", array, background=2.5, origin=(3, -5, 0))
+    low, high = (-2, -8, -3), (14, 9, 20)
+    expected = (grid.dense(low, high) / np.float32(40.0)).astype(np.float16)
+    half = grid.dense(low, high, dtype=np.float16, divisor=40.0, order=order)
+    assert half.dtype == np.float16 and np.array_equal(half, expected)
+    assert half.flags[f"{order}_CONTIGUOUS"]
