@@ -274,3 +274,79 @@ def profiles(found: Sequence[Profile]) -> Figure:
     grid[0][0].set_ylabel("transmittance")
     grid[1][0].set_ylabel("transmittance, logarithmic")
     return figure
+
+
+def speed(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Error against the time of a whole frame in multiples of the floor, one panel per scene; `rows` as of
+    `previs.bench.speed.records.rows_of`."""
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    across = min(3, len(scenes))
+    down = -(-len(scenes) // across)
+    figure = Figure(figsize=(1.0 + 4.4 * across, 1.2 + 3.5 * down), layout="constrained")
+    drawn = [row for row in rows if row["mean_relative_error"] is not None and row["whole_over_floor"]]
+    families = list(dict.fromkeys(row["family"] for row in drawn))
+    shown: dict[str, Any] = {}
+    for number, scene in enumerate(scenes):
+        axes = figure.add_subplot(down, across, number + 1)
+        part = [row for row in drawn if row["scene"] == scene]
+        lowest = min((r["mean_relative_error"] for r in part if r["mean_relative_error"] > 0.0), default=1e-6)
+        for row in part:
+            x, y = row["whole_over_floor"], 100.0 * max(row["mean_relative_error"], 0.5 * lowest)
+            color = _COLORS[families.index(row["family"]) % len(_COLORS)]
+            ends = [[max(y - 100.0 * row["mean_relative_error_low"], 0.0)]]
+            ends.append([max(100.0 * row["mean_relative_error_high"] - y, 0.0)])
+            spread = [[max(x - row["whole_over_floor_low"], 0.0)], [max(row["whole_over_floor_high"] - x, 0.0)]]
+            point = axes.errorbar([x], [y], xerr=spread, yerr=ends, color=color, marker="o", markersize=5, linewidth=1)
+            axes.annotate(
+                row["way"], (x, y), textcoords="offset points", xytext=(5, 4), fontsize=7, color=color, clip_on=True
+            )
+            shown.setdefault(row["family"], point)
+        axes.set_title(scene, fontsize=10)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.margins(0.2)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_minor_formatter(NullFormatter())
+        axes.grid(which="both", alpha=0.2)
+        if number >= len(scenes) - across:
+            axes.set_xlabel("whole frame, in times of the floor")
+        if number % across == 0:
+            axes.set_ylabel("mean relative error, %")
+    figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=6, fontsize=9, frameon=False)
+    return figure
+
+
+@dataclass(frozen=True, eq=False)
+class Growth:
+    """Times (N,) in seconds over amounts (N,), with the name for the legend and the fitted (exponent, factor)."""
+
+    name: str
+    amounts: Sequence[float]
+    seconds: Sequence[float]
+    fit: tuple[float, float] | None
+
+
+def growth(title: str, unit: str, curves: Sequence[Growth]) -> Figure:
+    """Times over the size of what is swept, both logarithmic, with the fitted power laws as thin lines."""
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
+    axes = figure.add_subplot()
+    for number, curve in enumerate(curves):
+        color = _COLORS[number % len(_COLORS)]
+        marker = _MARKERS[number % len(_MARKERS)]
+        axes.plot(curve.amounts, curve.seconds, marker, color=color, markersize=6, label=curve.name)
+        if curve.fit is not None:
+            exponent, factor = curve.fit
+            x = np.geomspace(min(curve.amounts), max(curve.amounts), 32)
+            axes.plot(x, factor * x**exponent, color=color, linewidth=1, alpha=0.6)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.margins(0.1)
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.set_title(title, fontsize=11)
+    axes.set_xlabel(unit)
+    axes.set_ylabel("processor time of a frame, s")
+    axes.grid(which="both", alpha=0.2)
+    axes.legend(fontsize=8)
+    return figure

@@ -70,6 +70,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="print how far small pictures are from the float64 reference, with 20 random scenes; minutes",
     )
     parser.add_argument(
+        "--speed",
+        action="store_true",
+        help="what a frame costs instead: against a march through the density alone, without each accelerator, and "
+        "against brute force of equal error; and how costs grow",
+    )
+    parser.add_argument("--full", action="store_true", help="with --speed: larger pictures and sweeps; an hour")
+    parser.add_argument(
+        "--scaling",
+        type=_sweeps,
+        metavar="NAME[,NAME...]",
+        help="with --speed: sizes to sweep over, voxels, pixels, steps, lights, volumes, coefficients, or none "
+        "(default: all)",
+    )
+    parser.add_argument(
         "--hard", action="store_true", help="print the table of hard cases alone; exit status 1 when one fails"
     )
 
@@ -82,6 +96,8 @@ def run(arguments: argparse.Namespace) -> int:
         return _hard(arguments.methods)
     if arguments.truth:
         return _truth(arguments.stages, arguments.methods, arguments.imageWidth)
+    if not arguments.speed and (arguments.full or arguments.scaling is not None):
+        arguments.parser.error("--full and --scaling go with --speed")
     others = _others(arguments)
     try:
         from ..bench import paper, plots, report  # noqa: F401
@@ -89,6 +105,8 @@ def run(arguments: argparse.Namespace) -> int:
         if (error.name or "").partition(".")[0] != "matplotlib":
             raise
         raise PrevisError("drawing the plots needs matplotlib: pip install 'previs[bench]'") from None
+    if arguments.speed:
+        return _speed(arguments)
     from ..bench.run import shipped_stages
 
     quick = arguments.quick
@@ -101,11 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
         camera=arguments.camera,
         others=others,
     )
-    output = Path(arguments.output)
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PrevisError(f"{output}: no folder can be made there: {error.strerror}") from None
+    output = _folder(arguments.output)
     progress = _Line() if sys.stderr.isatty() else None
     with Renderer() as renderer:
         try:
@@ -123,6 +137,58 @@ def run(arguments: argparse.Namespace) -> int:
         print(report.headline(found))
     print(f"{len(files)} files in {output}; open {files[0]}")
     return 0
+
+
+def _speed(arguments: argparse.Namespace) -> int:
+    """Time frames and write what came of it."""
+    from ..bench.run import shipped_stages
+    from ..bench.speed import peer, report, scaling, scenes
+    from ..render.renderer import Renderer
+
+    full = arguments.full
+    options = scenes.Options(
+        width=arguments.imageWidth or (640 if full else 320),
+        repeats=arguments.repeats or (5 if full else 3),
+        pixels=4096 if full else 1024,
+        camera=arguments.camera,
+    )
+    chosen = [s for s in scaling.sweeps(full) if arguments.scaling is None or s.name in arguments.scaling]
+    stages = arguments.stages or shipped_stages()
+    output = _folder(arguments.output)
+    progress = _Line() if sys.stderr.isatty() else None
+    with Renderer() as renderer:
+        try:
+            found = scenes.sweep(renderer, stages, options, progress)
+            peers = peer.compare(renderer, stages, options, progress) if peer.is_there() else []
+            # Growth shows in small pictures as well.
+            scalings = scaling.scaling(renderer, chosen, options.width // 2, min(options.repeats, 3), progress)
+        finally:
+            if progress is not None:
+                progress.clear()
+        files, tables = report.write(output, renderer, found, scalings, peers, options)
+    print("\n".join(table.markdown() for table in tables))
+    print(report.headline(found))
+    print(f"{len(files)} files in {output}; open {files[0]}")
+    return 0
+
+
+def _folder(name: str) -> Path:
+    """The folder to write into, made where it is not there."""
+    output = Path(name)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PrevisError(f"{output}: no folder can be made there: {error.strerror}") from None
+    return output
+
+
+def _sweeps(text: str) -> list[str]:
+    """Names of sweeps."""
+    known = ("voxels", "pixels", "steps", "lights", "volumes", "coefficients")
+    names = [] if text == "none" else [part.strip() for part in text.split(",")]
+    if unknown := [name for name in names if name not in known]:
+        raise argparse.ArgumentTypeError(f"{unknown[0]!r} is none of {', '.join(known)}, and not none")
+    return names
 
 
 def _others(arguments: argparse.Namespace) -> dict[str, list]:

@@ -187,6 +187,7 @@ def measure(renderer: Renderer, subject: Subject, options: Options, progress: Pr
             "steps": max(steps_across(v, truth.settings.steps) for v in volumes),
             "light_steps": truth.settings.light_steps,
             "pixels": len(truth.sample),
+            "floor_steps": options.steps,
         },
     )
 
