@@ -69,7 +69,8 @@ class ErrorEstimate(ErrorPart):
     Attributes:
         light: the part that light has on its way into the media: the picture against one of the same view steps whose
             light is marched by brute force.
-        view: the part of the view rays' steps: that picture against converged steps.
+        view: the part of the view rays: what their steps are off converged ones, and what the picture is off its own
+            march where it is interpolated.
         pixels: how many were drawn.
         steps, light_steps: of the truth, across a volume.
         seconds: that it took.
@@ -259,6 +260,7 @@ def estimate_error(
     sample: PixelSample,
     same_steps: np.ndarray,
     truth: np.ndarray,
+    marched: np.ndarray | None = None,
     steps: int = 0,
     light_steps: int = 0,
     seconds: float = 0.0,
@@ -270,6 +272,8 @@ def estimate_error(
         sample: the pixels, chosen by `choose_pixels`.
         same_steps: (N, 3) what they are with the picture's own view steps and light by brute force.
         truth: (N, 3) what they are.
+        marched: (N, 3) what they are by the picture's own settings, where the picture is interpolated; None where it
+            has just that.
         steps, light_steps, seconds: for the record.
 
     Raises:
@@ -278,11 +282,13 @@ def estimate_error(
     color = np.asarray(color, float)
     found = color[sample.rows, sample.columns]
     same_steps, truth = np.asarray(same_steps, float), np.asarray(truth, float)
-    for name, values in (("picture", color), ("march", same_steps), ("truth", truth)):
+    marched = found if marched is None else np.asarray(marched, float)
+    for name, values in (("picture", color), ("march", same_steps), ("truth", truth), ("marched pixels", marched)):
         if bad := np.count_nonzero(~np.isfinite(values)):
             raise ValueError(f"{bad} values of the {name} are not finite")
     scale = ErrorScale(color, sample, truth)
-    parts = [scale.part(a - b) for a, b in ((found, truth), (found, same_steps), (same_steps, truth))]
+    light = marched - same_steps
+    parts = [scale.part(difference) for difference in (found - truth, light, found - truth - light)]
     whole = parts[0]
     return ErrorEstimate(
         whole.relative_rmse,

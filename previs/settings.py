@@ -31,7 +31,7 @@ class Setting:
     maximum: float | None = None
     step: int | None = None
     automatic: bool = False
-    choices: tuple[str, ...] = ()
+    choices: tuple[Any, ...] = ()
     unit: str = ""
     flag: str = ""
 
@@ -69,7 +69,7 @@ class Setting:
     def accepts(self) -> str:
         """What values the knob takes, in words."""
         if self.choices:
-            return "one of " + ", ".join(self.choices)
+            return "one of " + ", ".join(str(c) for c in self.choices)
         if self.type is bool:
             return "true or false"
         kind = {int: "a whole number", float: "a number", str: "text"}[self.type]
@@ -117,6 +117,15 @@ TABLE: tuple[Setting, ...] = (
         maximum=16384,
         automatic=True,
         flag="--steps",
+    ),
+    Setting(
+        "march_divisor",
+        1,
+        "View rays are marched for one pixel of so many along each side of the picture; those between are interpolated "
+        "along the surfaces that end them. 1 marches all pixels.",
+        ("march",),
+        choices=(1, 2, 4),
+        flag="--march-divisor",
     ),
     Setting(
         "light_steps",

@@ -264,7 +264,7 @@ void main() {
     ray = camera_ray(position);
     vec2 visible = camera_range(ray);
 #if HAS_MESHES
-    visible.y = min(visible.y, texelFetch(gbuffer_normal_distance, ivec2(gl_FragCoord.xy), 0).w);
+    visible.y = min(visible.y, texelFetch(gbuffer_normal_distance, geometry_texel(), 0).w);
 #endif
     vec2 spans[VOLUME_COUNT];
     float cursor = visible.y;

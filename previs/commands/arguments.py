@@ -54,7 +54,7 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
             group.add_argument(
                 setting.flag,
                 dest=f"setting_{setting.name}",
-                metavar=("|".join(setting.choices) or "N"),
+                metavar=("|".join(str(c) for c in setting.choices) or "N"),
                 help=setting.doc.replace("%", "%%") + default,
             )
     names = ", ".join(s.name for s in TABLE)

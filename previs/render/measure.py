@@ -40,8 +40,8 @@ def converged(settings: Settings, volumes: list[Volume]) -> Settings:
 
 
 def brute_force(settings: Settings, volumes: list[Volume]) -> Settings:
-    """The settings, with light marched by brute force."""
-    found = settings.replace(transmittance="march", light_steps=0)
+    """The settings, with light marched by brute force, and every view ray."""
+    found = settings.replace(transmittance="march", light_steps=0, march_divisor=1)
     grids = [v for v in volumes if v.density is not None]
     # A march that is exact may be longer than a draw can be; the longest one that can be is taken then.
     cells = sum(steps_across(v, 0) for v in grids)
@@ -139,14 +139,21 @@ class ErrorMeter:
         sample = yield from clock.timed(self.choosing(index, camera, image, settings, seed, piece_seconds), 0.0, 0.4)
         truth = converged(settings, volumes)
         same_steps = brute_force(settings, volumes)
-        work = self.drawing(index, camera, image.size, (same_steps, truth), sample, piece_seconds)
-        pair = yield from clock.timed(work, 0.4, 1.0)
+        # Scattered pixels are all marched: what the picture interpolates is in none of them.
+        marched = (settings,) if settings.march_divisor > 1 else ()
+        work = self.drawing(index, camera, image.size, (same_steps, truth, *marched), sample, piece_seconds)
+        drawn = yield from clock.timed(work, 0.4, 1.0)
         return (
             yield from _aside(
                 piece_seconds,
                 1.0,
                 lambda: estimate_error(
-                    image.color, sample, *pair, steps=truth.steps, light_steps=truth.light_steps, seconds=clock.seconds
+                    image.color,
+                    sample,
+                    *drawn,
+                    steps=truth.steps,
+                    light_steps=truth.light_steps,
+                    seconds=clock.seconds,
                 ),
             )
         )
@@ -183,14 +190,15 @@ class ErrorMeter:
     ) -> Generator[float, None, np.ndarray]:
         """Values of pixels that are likely to be nearer the truth, (N, 3): by good maps and more steps.
 
-        Where the picture has light by brute force, maps would not be nearer: it is corrected by what the steps change.
+        Where the picture has light by brute force, maps would not be nearer: it is corrected by what the steps change,
+        unless it is interpolated, which is likely to be the most that it is off.
         """
         volumes = [entry.record for entry in index.volumes.values()]
         automatic = {name: 0 for name in ("map_size", "threshold", "density_weighting", "light_steps")}
         same = settings.replace(**GUESS, **automatic)
         steps = max((steps_across(v, settings.steps) for v in volumes), default=1)
         finer = same.replace(steps=_possible("steps", GUESS_STEPS * steps))
-        kinds = (finer,) if method_of(settings).has_maps else (same, finer)
+        kinds = (finer,) if method_of(settings).has_maps or settings.march_divisor > 1 else (same, finer)
         drawn = yield from self.drawing(index, camera, image.size, kinds, sample, piece_seconds)
         if len(kinds) == 1:
             return drawn[0]

@@ -22,7 +22,7 @@ from .draws import FEW_CUTS, VOLUME_BYTES, march_draws
 from .fields import field_dims, packed_bytes, planned_reduction
 from .light_plan import map_size_for, plan_maps, plan_shadows
 from .method import method_of
-from .planned import PHASE_NUMBERS, Atlases, DeviceLimits, Plan, PlannedMap, PlannedPass, counted
+from .planned import PHASE_NUMBERS, Atlases, DeviceLimits, Plan, PlannedMap, PlannedPass, counted, march_size
 from .precision import density_range, precision_notes
 from .projection import camera_rays, render_origin
 from .scattered import ScatteredPixels
@@ -135,6 +135,8 @@ def make_plan(
     view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
     target = (width, height) if pixels is None else pixels.target_size
     texels = math.prod(target)
+    # Scattered pixels are few, and none of them has marched neighbours.
+    divisor = settings.march_divisor if pixels is None and records else 1
     chosen = pixels and pixels.key
     defines = _defines(records, planned_lights, maps, len(batches[0]), meshes, ambient, settings)
     defines["SCATTERED_PIXELS"] = pixels is not None
@@ -178,17 +180,25 @@ def make_plan(
         why += f"; {method.why(settings.coefficients)}" if grids else "; homogeneous, light attenuated in closed form"
         if defines["PROJECTIVE_STEPS"]:
             why += "; steps placed in the spot's projection"
+        marched = march_size(width, height, divisor) if divisor > 1 else target
+        held = (48 if defines["HAS_EMISSION"] else 32) * (2 if len(batches) * len(slices) > 1 else 1)
+        read = (*geometry, *shadow_passes, *field_passes, *map_passes)
         passes.append(
             PlannedPass(
                 "march",
                 "march",
-                why,
-                target,
-                texels * (48 if defines["HAS_EMISSION"] else 32) * (2 if len(batches) * len(slices) > 1 else 1),
+                f"{why}; one pixel of {divisor}×{divisor}" if divisor > 1 else why,
+                marched,
+                math.prod(marched) * held,
                 (view, chosen, media, lit_by, ambient, settings.read_by("march")),
-                (*geometry, *shadow_passes, *field_passes, *map_passes),
+                read,
             )
         )
+        if divisor > 1:
+            why = "media between the marched pixels"
+            why += ", but along surfaces; on an edge that they miss, the pixel is marched" if meshes else ""
+            filled = texels * (held + (4 if meshes else 0))
+            passes.append(PlannedPass("upsample", "upsample", why, target, filled, target, ("march", *read)))
     passes.append(
         PlannedPass(
             "composite",
@@ -197,7 +207,7 @@ def make_plan(
             target,
             texels * 16,
             target,
-            (*(("surface",) if meshes else ()), *(("march",) if records else ())),
+            (*(("surface",) if meshes else ()), *((passes[-1].name,) if records else ())),
         )
     )
     return Plan(
@@ -224,6 +234,7 @@ def make_plan(
         passes=tuple(passes),
         notes=tuple(notes),
         pixels=pixels,
+        march_divisor=divisor,
     )
 
 

@@ -15,7 +15,16 @@ from .projection import MAP_KINDS, SHADOW_KINDS, CameraRays, LightMap, ShadowFit
 from .scattered import ScatteredPixels
 
 PassKind = Literal[
-    "fields", "shadow_map", "transmittance_map", "gbuffer", "gather", "surface", "march", "composite", "floor"
+    "fields",
+    "shadow_map",
+    "transmittance_map",
+    "gbuffer",
+    "gather",
+    "surface",
+    "march",
+    "upsample",
+    "composite",
+    "floor",
 ]
 
 PHASE_NUMBERS = {"isotropic": 0, "hg": 1, "schlick": 2, "rayleigh": 3, "two_lobe": 4}
@@ -111,6 +120,19 @@ class Plan:
     passes: tuple[PlannedPass, ...]
     notes: tuple[Note, ...] = field(default=())
     pixels: ScatteredPixels | None = None
+    march_divisor: int = 1
+
+    @property
+    def march_size(self) -> tuple[int, int]:
+        """(width, height) of what the march draws into: all pixels, or those that the others are interpolated from."""
+        if self.march_divisor == 1:
+            return self.target_size
+        return march_size(self.width, self.height, self.march_divisor)
+
+    @property
+    def media_target(self) -> str:
+        """Name of the target that holds the media at the size of the picture."""
+        return "march" if self.march_divisor == 1 else "upsample"
 
     @property
     def target_size(self) -> tuple[int, int]:
@@ -126,6 +148,12 @@ class Plan:
         total = sum(p.memory for p in self.passes)
         lines.append(f"{'total':<44} {'':>14} {_bytes(total):>10}")
         return "\n".join(lines)
+
+
+def march_size(width: int, height: int, divisor: int) -> tuple[int, int]:
+    """How many pixels are marched along both sides: every `divisor`-th from the first one on, and the last one, so that
+    every other pixel lies between some that are."""
+    return -(-(width - 1) // divisor) + 1, -(-(height - 1) // divisor) + 1
 
 
 def _bytes(count: int) -> str:

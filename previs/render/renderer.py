@@ -285,7 +285,7 @@ class Renderer:
                                 break
                         begin = time.perf_counter()
                     if times is not None:
-                        self.context.finish()
+                        frame.pace.wait()
                         seconds += time.perf_counter() - begin
                         times[p.name] = times.get(p.name, 0.0) + seconds
                 except (ShaderError, moderngl.Error, MemoryError, RuntimeError) as error:
@@ -498,10 +498,10 @@ class Renderer:
             planes["normal"] = np.where(covered[..., None], geometry[..., :3], 0.0)
             planes["albedo"] = plane("gbuffer", 1)[..., :3].copy()
         if plan.volumes:
-            planes["volume"] = plane("march", 0)[..., :3].copy()
-            planes["transmittance"] = plane("march", 1)[..., :3].copy()
+            planes["volume"] = plane(plan.media_target, 0)[..., :3].copy()
+            planes["transmittance"] = plane(plan.media_target, 1)[..., :3].copy()
             if plan.defines["HAS_EMISSION"]:
-                planes["emission"] = plane("march", 2)[..., :3].copy()
+                planes["emission"] = plane(plan.media_target, 2)[..., :3].copy()
         return planes
 
     def release(self) -> None:

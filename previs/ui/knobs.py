@@ -159,7 +159,7 @@ class Knob:
         if self.kind == "bool":
             return "on or off"
         if self.kind == "choice":
-            return ", ".join(self.choice_labels or self.choices)
+            return ", ".join(self.choice_labels or map(str, self.choices))
         unit = self._after()
         lower, upper = self.minimum, self.maximum
         if lower is not None and upper is not None:
@@ -546,6 +546,7 @@ _RENDER_LOOKS: Mapping[str, Mapping[str, Any]] = {
     "threshold": {"label": "Threshold", "low": 1e-4, "high": 0.2, "response": "log", "decimals": 5},
     "density_weighting": {"label": "Density weight", "low": 1.0, "high": 8.0, "decimals": 2},
     "map_filter": {"label": "Map filter"},
+    "march_divisor": {"label": "Marched pixels", "words": {1: "All", 2: "One of 2 × 2", 4: "One of 4 × 4"}},
     "shadow_map_size": {"label": "Shadow map", "low": 64, "high": 8192, "response": "log"},
     "projective_steps": {"label": "Projective steps"},
     "opacity_cutoff": {"label": "Opacity cutoff", "low": 1e-6, "high": 0.1, "response": "log", "decimals": 6},
@@ -557,19 +558,19 @@ _RENDER_LOOKS: Mapping[str, Mapping[str, Any]] = {
 
 
 def _of_setting(setting: Setting) -> Knob:
-    kind: Kind = {bool: "bool", str: "choice", int: "int", float: "float"}[setting.type]
+    kinds: dict[type, Kind] = {bool: "bool", str: "choice", int: "int", float: "float"}
     looks = {"label": setting.name.replace("_", " ").capitalize(), **_RENDER_LOOKS.get(setting.name, {})}
     words = looks.pop("words", {})
     return Knob(
         name=setting.name,
-        kind=kind,
+        kind="choice" if setting.choices else kinds[setting.type],
         doc=setting.doc,
         default=setting.default,
         unit="" if setting.unit in ("texels", "radiance", "pixels") else setting.unit,
         minimum=setting.minimum,
         maximum=setting.maximum,
         choices=setting.choices,
-        choice_labels=tuple(words.get(choice, choice.capitalize()) for choice in setting.choices),
+        choice_labels=tuple(words.get(choice, str(choice).capitalize()) for choice in setting.choices),
         step=setting.step or 1,
         automatic=setting.automatic,
         **looks,

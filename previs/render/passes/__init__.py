@@ -21,6 +21,7 @@ from .march import run_march
 from .shadow_map import run_shadow_map
 from .surface import run_surface
 from .transmittance_map import run_transmittance_map
+from .upsample import run_upsample
 
 RUNNERS: dict[PassKind, Callable[[Frame, PlannedPass], Iterator[float]]] = {
     "fields": run_fields,
@@ -31,5 +32,6 @@ RUNNERS: dict[PassKind, Callable[[Frame, PlannedPass], Iterator[float]]] = {
     "gather": run_gather,
     "surface": run_surface,
     "march": run_march,
+    "upsample": run_upsample,
     "composite": run_composite,
 }

@@ -24,7 +24,7 @@ def run_composite(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     )
     if plan.volumes:
         names = ("march_scattered", "march_transmittance", "march_emission")
-        textures = frame.targets["march"].color_attachments
+        textures = frame.targets[plan.media_target].color_attachments
         frame.bind(**dict(zip(names, textures, strict=False)))
     if plan.meshes:
         frame.bind(surface_radiance=frame.targets["surface"].color_attachments[0])

@@ -8,27 +8,50 @@ import moderngl
 
 from ..draws import projective_minimum
 from ..frame import Frame
-from ..planned import PlannedPass
+from ..planned import Plan, PlannedPass
 
 
 def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
-    """March all pixels: a batch of lights at a time, each in as many slices of the rays as the plan asks for."""
+    """March all pixels, or those that the others are interpolated from."""
     plan = frame.plan
-    size = plan.target_size
-    formats = ("f4", "f4", "f4") if plan.defines["HAS_EMISSION"] else ("f4", "f4")
+    names = march_targets(plan, "march")
+    for name in names:
+        frame.targets.get(name, plan.march_size, media_formats(plan))
+    yield from march(frame, names, plan.march_divisor, moderngl.NOTHING)
+
+
+def media_formats(plan: Plan) -> tuple[str, ...]:
+    """Formats of the textures for scattered light, transmittance and, where there is any, emission."""
+    return ("f4", "f4", "f4") if plan.defines["HAS_EMISSION"] else ("f4", "f4")
+
+
+def march_targets(plan: Plan, name: str) -> tuple[str, ...]:
+    """The targets in which the draws of a march take turns; the last draw ends in the first of them."""
+    return (name, f"{name}_other") if len(plan.batches) * len(plan.slices) > 1 else (name,)
+
+
+def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iterator[float]:
+    """March the pixels of a target: a batch of lights at a time, each in as many slices of the rays as the plan asks
+    for.
+
+    Args:
+        frame: to draw in.
+        names: of the targets, from `march_targets`.
+        stride: pixels of the picture from one texel of the target to the next.
+        flags: what of OpenGL to enable.
+    """
+    plan = frame.plan
     draws = [(batch, part) for batch in plan.batches for part in plan.slices]
     program = frame.fullscreen("march.frag", RESUMES=len(draws) > 1)
     previous = None
     for number, (batch, part) in enumerate(draws):
-        # Two targets take turns so that the last draw ends in the one that the composite reads.
-        name = "march" if (len(draws) - 1 - number) % 2 == 0 else "march_other"
-        target = frame.targets.get(name, size, formats)
+        target = frame.targets[names[(len(draws) - 1 - number) % 2]]
         # All of the picture before the next slice: the cost of neighbours in a slice tells how large a piece may be.
         done = number / len(draws), (number + 1) / len(draws)
-        for piece in frame.pieces((("march", number), plan.settings.read_by("march")), size, *done):
+        for piece in frame.pieces(((names[0], number), plan.settings.read_by("march")), target.size, *done):
             with piece:
                 frame.bind_camera(program)
-                frame.bind_pixels(program)
+                frame.bind_pixels(program, stride)
                 program.set(
                     opacity_cutoff=plan.settings.opacity_cutoff,
                     projective_minimum=projective_minimum(plan.settings),
@@ -43,9 +66,9 @@ def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
                     frame.bind_emission(program)
                 frame.bind_lighting(program, batch)
                 if previous is not None:
-                    names = ("previous_scattered", "previous_transmittance", "previous_emission")
-                    frame.bind(**dict(zip(names, previous.color_attachments, strict=False)))
-                frame.context.enable_only(moderngl.NOTHING)
+                    held = ("previous_scattered", "previous_transmittance", "previous_emission")
+                    frame.bind(**dict(zip(held, previous.color_attachments, strict=False)))
+                frame.context.enable_only(flags)
                 target.scissor = piece.scissor
                 target.use()
                 frame.draw_fullscreen(program)
