@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from typing import Any
 
 import moderngl
@@ -20,6 +20,7 @@ from .shader import Program, ShaderCache
 UNITS = {
     "density_atlas": 0,
     "shadow_atlas": 1,
+    "shadow_depths": 1,
     "map_range": 2,
     "map_values0": 3,
     "map_values1": 4,
@@ -93,7 +94,7 @@ class Frame:
         self.targets = Targets(context)
         self.pace = Pace(context)
         self._plan: Plan | None = None
-        self._packed: dict[tuple[str, int], bytes] = {}
+        self._packed: dict[tuple[str, Hashable], bytes] = {}
         self._buffers: dict[int, moderngl.Buffer] = {}
         self._blackbody: moderngl.Texture | None = None
         self._pixels: tuple[tuple[str, int], moderngl.Texture] | None = None
@@ -164,14 +165,16 @@ class Frame:
         """The G-buffer of what the plan draws."""
         return self.targets["gbuffer" if self.plan.pixels is None else "gather"].color_attachments
 
-    def bind_lighting(self, program: Program, batch: range) -> None:
+    def bind_lighting(self, program: Program, batch: range, capacity: int | None = None) -> None:
         """Give a program everything that lights.glsl, medium.glsl and transmittance.glsl read, for one batch of
-        lights."""
+        lights. `capacity` is the program's LIGHT_CAPACITY; None where it is the plan's."""
         plan = self.plan
+        capacity = capacity or plan.defines["LIGHT_CAPACITY"]
+        number = (batch.start, capacity)
         self._block(program, "Volumes", 0, lambda: uniforms.pack_volumes(plan, self.density.placements))
-        self._block(program, "Lights", batch.start, lambda: uniforms.pack_lights(plan, batch))
+        self._block(program, "Lights", number, lambda: uniforms.pack_lights(plan, batch, capacity))
         if plan.defines["HAS_GRIDS"] and plan.defines["HAS_MAPS"]:
-            self._block(program, "LightMaps", batch.start, lambda: uniforms.pack_light_maps(plan, batch))
+            self._block(program, "LightMaps", number, lambda: uniforms.pack_light_maps(plan, batch, capacity))
             layers = {f"map_values{i}": t for i, t in enumerate(self.maps.values)}
             self.bind(map_range=self.maps.range, **layers)
             program.set(map_size=float(plan.map_size))
@@ -198,7 +201,7 @@ class Frame:
         lowest, highest = blackbody.TABLE_RANGE
         program.set(blackbody_range=(lowest, 1.0 / (highest - lowest)))
 
-    def _block(self, program: Program, name: str, number: int, pack: Callable[[], bytes]) -> None:
+    def _block(self, program: Program, name: str, number: Hashable, pack: Callable[[], bytes]) -> None:
         """Fill a uniform block with what `pack` gives; the number tells blocks of one name apart in a plan."""
         binding = uniforms.BLOCKS[name]
         if (name, number) not in self._packed:
@@ -226,7 +229,7 @@ class Frame:
                 atlas.release()
         if not plan.meshes:
             self.meshes.release()
-        turns = {f"{name}_other" for name in ("march", "upsample")} if len(plan.batches) * len(plan.slices) > 1 else set()
+        turns = {"march_other", "upsample_other"} if len(plan.batches) * len(plan.slices) > 1 else set()
         self.targets.keep(used | turns)
 
     def field_serials(self) -> tuple[int, ...]:

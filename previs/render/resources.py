@@ -7,7 +7,8 @@ passes do.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import moderngl
@@ -334,6 +335,18 @@ class ShadowAtlas:
         """The name of the pass whose map is in a tile of the plan; None where there is none that fits the plan."""
         shape = (plan.shadow_atlas.size, plan.shadow_atlas.columns)
         return self.owners.get(tile) if self._shape == shape else None
+
+    @contextmanager
+    def plain(self) -> Iterator[moderngl.Texture | None]:
+        """The texture, to be read as depths and not compared with one; None where there is none."""
+        if self.texture is None:
+            yield None
+            return
+        self.texture.compare_func = ""
+        try:
+            yield self.texture
+        finally:
+            self.texture.compare_func = "<="
 
     def tiling(self, plan: Plan) -> tuple[float, float, float, float]:
         """The `shadow_tiling` uniform."""

@@ -119,9 +119,9 @@ def pack_emissions(plan: Plan, temperatures: dict[str, Placement], fields: dict[
     return rows.tobytes()
 
 
-def pack_lights(plan: Plan, batch: range) -> bytes:
-    """The `Lights` block of one batch."""
-    rows = np.zeros((plan.defines["LIGHT_CAPACITY"], _LIGHT_ROWS, 4), np.float32)
+def pack_lights(plan: Plan, batch: range, capacity: int) -> bytes:
+    """The `Lights` block of one batch; `capacity` is the LIGHT_CAPACITY of the program."""
+    rows = np.zeros((capacity, _LIGHT_ROWS, 4), np.float32)
     for row, number in zip(rows, batch, strict=False):
         planned = plan.lights[number]
         light = planned.record
@@ -151,10 +151,10 @@ def clamp_radius(light: Light) -> float:
     return 0.0 if light.kind != "sphere" or light.treat_as_point else light.world_radius
 
 
-def pack_light_maps(plan: Plan, batch: range) -> bytes:
-    """The `LightMaps` block of one batch."""
+def pack_light_maps(plan: Plan, batch: range, capacity: int) -> bytes:
+    """The `LightMaps` block of one batch; `capacity` is the LIGHT_CAPACITY of the program."""
     count = max(len(plan.volumes), 1)
-    rows = np.zeros((plan.defines["LIGHT_CAPACITY"] * count, _LIGHT_MAP_ROWS, 4), np.float32)
+    rows = np.zeros((capacity * count, _LIGHT_MAP_ROWS, 4), np.float32)
     for item in plan.maps:
         if item.light not in batch:
             continue

@@ -1,44 +1,95 @@
-"""Surface lighting: kept in a texture, so that an edit of the medium alone does not light the meshes again."""
+"""Surface lighting: kept in a texture, so that an edit of the medium alone does not light the meshes again.
+
+Every light is drawn apart and added. A first draw sorts the pixels by what the light needs there and keeps it as depth;
+the depth test then runs each program only where it has something to do.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import moderngl
 
 from ..frame import BACKGROUND_DISTANCE, Frame
-from ..planned import PlannedPass
+from ..planned import SHADOW_KIND_NUMBERS, Plan, PlannedLight, PlannedPass
 
 
 def run_surface(frame: Frame, planned: PlannedPass) -> Iterator[float]:
-    """Light what is in the G-buffer, a batch of lights at a time."""
+    """Light what is in the G-buffer, a light at a time."""
     plan = frame.plan
     size = plan.target_size
-    framebuffer = frame.targets.get("surface", size, ("f4",))
-    program = frame.fullscreen("surface.frag")
-    normal, albedo, specular, emissive = frame.geometry
-    parts = len(plan.batches)
+    target = frame.targets.get("surface", size, ("f4",), depth=True)
     kind = plan.settings.read_by("surface")
-    for number, batch in enumerate(plan.batches):
-        for piece in frame.pieces((("surface", number), kind), size, number / parts, (number + 1) / parts):
+    parts = len(plan.lights) + 1
+    for number in range(parts):
+        light = plan.lights[number - 1] if number else None
+        name = light.record.path if light is not None else ""
+        for piece in frame.pieces((("surface", name), kind), size, number / parts, (number + 1) / parts):
             with piece:
-                frame.bind_camera(program)
-                frame.bind_pixels(program)
-                program.set(background_distance=0.5 * BACKGROUND_DISTANCE)
-                frame.bind(
-                    gbuffer_normal_distance=normal,
-                    gbuffer_diffuse_roughness=albedo,
-                    gbuffer_specular=specular,
-                    gbuffer_emissive=emissive,
-                )
-                frame.bind_lighting(program, batch)
-                frame.context.enable_only(moderngl.NOTHING)
-                if number > 0:
-                    frame.context.enable_only(moderngl.BLEND)
-                    frame.context.blend_equation = moderngl.FUNC_ADD
-                    frame.context.blend_func = moderngl.ONE, moderngl.ONE
-                framebuffer.scissor = piece.scissor
-                framebuffer.use()
-                frame.draw_fullscreen(program)
-                framebuffer.scissor = None
+                target.scissor = piece.scissor
+                if light is None:
+                    _draw(frame, target, frame.fullscreen("surface.frag"))
+                else:
+                    _draw_light(frame, target, number - 1, light)
+                target.scissor = None
             yield piece.done
+
+
+def light_defines(plan: Plan, light: PlannedLight) -> dict[str, Any]:
+    """What the programs that draw one light are compiled for."""
+    record, shadow = light.record, light.shadow
+    placed = record.kind != "distant"
+    return {
+        "LIGHT_CAPACITY": 1,
+        "HAS_POINT": placed,
+        "HAS_SHAPING": placed and record.shaping is not None,
+        "HAS_COSINE": record.kind in ("disk", "rect"),
+        "HAS_SHADOW_MAPS": shadow is not None,
+        "SHADOW_KIND": SHADOW_KIND_NUMBERS[shadow.kind] if shadow is not None else 0,
+        "SHADOW_FACES": len(shadow.matrices) if shadow is not None else 0,
+        "IN_MEDIA": bool(plan.volumes) and record.casts_shadows,
+    }
+
+
+def _draw_light(frame: Frame, target: moderngl.Framebuffer, number: int, light: PlannedLight) -> None:
+    """Add one light to the bound part of the target."""
+    defines = light_defines(frame.plan, light)
+    sort = frame.fullscreen("surface_sort.frag", **defines)
+    frame.bind_lighting(sort, range(number, number + 1), 1)
+    context = frame.context
+    try:
+        target.color_mask = (False,) * 4
+        context.depth_func = "1"
+        _draw(frame, target, sort, moderngl.DEPTH_TEST)
+        target.color_mask = (True,) * 4
+        target.depth_mask = False
+        context.blend_equation = moderngl.FUNC_ADD
+        context.blend_func = moderngl.ONE, moderngl.ONE
+        # The triangle is half way between the depths of what meets a medium and what does not.
+        for in_media in (False, True) if defines["IN_MEDIA"] else (False,):
+            program = frame.fullscreen("surface_light.frag", **{**defines, "IN_MEDIA": in_media})
+            frame.bind_lighting(program, range(number, number + 1), 1)
+            context.depth_func = ">" if in_media else "<"
+            with frame.shadows.plain():
+                _draw(frame, target, program, moderngl.DEPTH_TEST | moderngl.BLEND)
+    finally:
+        context.depth_func = "<"
+        target.color_mask = (True,) * 4
+        target.depth_mask = True
+
+
+def _draw(frame: Frame, target: moderngl.Framebuffer, program, flags: int = moderngl.NOTHING) -> None:
+    frame.bind_camera(program)
+    frame.bind_pixels(program)
+    normal, diffuse, specular, emissive = frame.geometry
+    frame.bind(
+        gbuffer_normal_distance=normal,
+        gbuffer_diffuse_roughness=diffuse,
+        gbuffer_specular=specular,
+        gbuffer_emissive=emissive,
+    )
+    program.set(background_distance=0.5 * BACKGROUND_DISTANCE, ambient=frame.plan.ambient)
+    frame.context.enable_only(flags)
+    target.use()
+    frame.draw_fullscreen(program)
