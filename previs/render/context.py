@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 from collections.abc import Callable
@@ -73,6 +74,21 @@ def is_software(context: moderngl.Context) -> bool:
     """Whether the context renders on the processor (Mesa's llvmpipe or softpipe)."""
     renderer = context.info["GL_RENDERER"].lower()
     return any(name in renderer for name in ("llvmpipe", "softpipe", "swiftshader"))
+
+
+def finisher(context: moderngl.Context) -> Callable[[], None]:
+    """A function that waits until everything drawn in a context is finished; call it where the context is current.
+
+    Other Python threads run meanwhile: moderngl's own `finish` holds the interpreter, and with it a thread that reads
+    the next frame.
+    """
+    window_system = getattr(getattr(context, "mglo", None), "_context", None)
+    load = getattr(window_system, "load", None)
+    address = load("glFinish") if load is not None else 0
+    if not address:
+        return context.finish
+    # A function called through ctypes lets go of the interpreter.
+    return ctypes.CFUNCTYPE(None)(address)
 
 
 def check_errors(context: moderngl.Context, where: str) -> None:

@@ -13,6 +13,8 @@ from collections.abc import Callable, Hashable, Iterator
 import moderngl
 import numpy as np
 
+from .context import finisher
+
 #: Side of the bins that Mesa's llvmpipe hands to its threads, in pixels. A piece of two bins or more keeps two busy.
 BIN = 64
 #: Pixels that the first piece of a picture may have, divided by GROWTH, whatever earlier pictures cost.
@@ -65,14 +67,11 @@ class Pace:
     """
 
     def __init__(self, context: moderngl.Context) -> None:
-        self._context = context
+        #: Waits until all that was drawn so far is finished.
+        self.wait = finisher(context)
         self.seconds: float | None = None
         self._maps: dict[Kind, CostMap] = {}
         self._latest: dict[Hashable, CostMap] = {}
-
-    def wait(self) -> None:
-        """Wait until all that was drawn so far is finished."""
-        self._context.finish()
 
     def pieces(self, kind: Kind, size: tuple[int, int], first: float = 0.0, last: float = 1.0) -> Iterator[Piece]:
         """Pieces that cover a target of that size once; the pass is `first` done before them and `last` after."""
@@ -96,7 +95,7 @@ class Pace:
 
     def finish(self, costs: CostMap, box: Box, started: float) -> None:
         """Wait for a piece and take its time."""
-        self._context.finish()
+        self.wait()
         costs.learn(box, time.perf_counter() - started)
 
     def _boxes(self, costs: CostMap, width: int, height: int) -> Iterator[Box]:

@@ -1,5 +1,6 @@
 """A frame drawn in pieces, with other things drawn in between: the same picture, bit for bit."""
 
+import ctypes
 import itertools
 import time
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ import previs
 from previs import Medium, Settings
 from previs.description import SceneDescription
 from previs.render import pieces
+from previs.render.context import finisher
 from previs.render.pieces import Pace
 from previs.render.planned import Plan
 
@@ -335,3 +337,12 @@ def test_pieces_take_about_their_time(fresh: previs.Renderer) -> None:
             count = sum(1 for _ in fresh.drawing(plan, seconds))
         counts.append(count)
     assert counts[0] < counts[1]
+
+
+def test_other_threads_run_while_a_drawing_is_waited_for(renderer):
+    """`finish` of moderngl holds the interpreter: what is called here instead must be a function of ctypes."""
+    with renderer.context:
+        wait = finisher(renderer.context)
+        assert isinstance(wait, ctypes._CFuncPtr)
+        wait()
+        assert renderer.context.error == "GL_NO_ERROR"
