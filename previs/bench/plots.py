@@ -305,10 +305,7 @@ def speed(rows: Sequence[Mapping[str, Any]]) -> Figure:
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.margins(0.2)
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_minor_formatter(NullFormatter())
+        _plain_numbers(axes)
         axes.grid(which="both", alpha=0.2)
         if number >= len(scenes) - across:
             axes.set_xlabel("whole frame, in times of the floor")
@@ -316,6 +313,14 @@ def speed(rows: Sequence[Mapping[str, Any]]) -> Figure:
             axes.set_ylabel("mean relative error, %")
     figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=6, fontsize=9, frameon=False)
     return figure
+
+
+def _plain_numbers(axes: Axes) -> None:
+    """Logarithmic axes labelled with plain numbers, as many as there is room for."""
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high / low < 200.0 else (1.0,)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,7 +348,7 @@ def growth(title: str, unit: str, curves: Sequence[Growth]) -> Figure:
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.margins(0.1)
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    _plain_numbers(axes)
     axes.set_title(title, fontsize=11)
     axes.set_xlabel(unit)
     axes.set_ylabel("processor time of a frame, s")

@@ -158,7 +158,7 @@ def headline(found: Sequence[SceneSpeed]) -> str:
     where = "the scene" if len(found) == 1 else f"the {len(found)} scenes"
     return (
         f"By default a whole frame of {where} takes {_between(floors, ratio)} the time of a march through the density "
-        f"alone, and is {_between(faster, ratio)} faster than brute force of equal error; its mean error is "
+        f"alone; brute force of equal error takes {_between(faster, ratio)} as long as it. Its mean error is "
         f"{_between(errors, percent)}."
     )
 
