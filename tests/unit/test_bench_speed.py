@@ -111,6 +111,10 @@ def test_an_accelerator_that_is_off_already_is_not_left_out_again():
     assert not [n for n in names if n.startswith("without ")] and ways.ALL_OFF not in names
     on = [v for v in ways.ways(Settings()) if v.family == "without"]
     assert [v.settings for v in on] == [{n: v} for n, v in off.items() if BY_NAME[n].default != v]
+    more = [v for v in ways.ways(Settings()) if v.family == "with"]
+    assert [v.settings for v in more] == [
+        {n: value} for n, values in ways.ON.items() if n in off and BY_NAME[n].default == off[n] for value in values
+    ]
     assert ways.ways(Settings())[0] == Variant("default", {}, "default")
 
 

@@ -130,6 +130,8 @@ def sweeps(full: bool) -> list[Sweep]:
             "voxels",
             voxels,
             lambda size, width: _cloud(size, width),
+            # Enough for the largest at its full resolution.
+            lambda size: {"field_memory": 1024},
             amount=lambda size: float(size) ** 3,
         ),
         Sweep(

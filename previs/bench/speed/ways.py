@@ -17,6 +17,8 @@ OFF: Mapping[str, Any] = {
     "sparse": "off",
     "cull_lights": False,
 }
+#: Values of those of them that cost accuracy, and are therefore off where nobody asks for them.
+ON: Mapping[str, tuple[Any, ...]] = {"march_divisor": (2, 4)}
 #: Steps of the plain renderer that are tried, of view rays and light rays alike.
 LADDER = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 #: Names of the ways that tables refer to.
@@ -65,6 +67,9 @@ def ways(base: Settings) -> list[Variant]:
         # What the stage has turned off needs no way without it.
         if base[name] != value:
             found.append(Variant(f"without {name}", {name: value}, "without"))
+        else:
+            for on in ON.get(name, ()):
+                found.append(Variant(f"{name} {on}", {name: BY_NAME[name].parse(on)}, "with"))
     if any(base[name] != value for name, value in off.items()):
         found.append(Variant(ALL_OFF, off, "off"))
     if base.transmittance != "march":
