@@ -134,11 +134,14 @@ vec3 grid_transmittance(int i, int v, vec3 position, vec3 travel) {
     p -= 0.5;
     ivec2 corner = ivec2(floor(p));
     vec2 f = p - vec2(corner);
-    vec3 row0 = mix(texel_transmittance(map_texel(m, corner), k, exponent, stretched),
-                    texel_transmittance(map_texel(m, corner + ivec2(1, 0)), k, exponent, stretched), f.x);
-    vec3 row1 = mix(texel_transmittance(map_texel(m, corner + ivec2(0, 1)), k, exponent, stretched),
-                    texel_transmittance(map_texel(m, corner + ivec2(1, 1)), k, exponent, stretched), f.x);
-    return mix(row0, row1, f.y);
+    // A loop and not four calls: it is left after one turn where no pixel of a group has anything to look up, and compiles faster.
+    vec3 sum = vec3(0.0);
+    for (int n = 0; n < 4; ++n) {
+        ivec2 beside = ivec2(n & 1, n >> 1);
+        vec2 weight = mix(1.0 - f, f, vec2(beside));
+        sum += weight.x * weight.y * texel_transmittance(map_texel(m, corner + beside), k, exponent, stretched);
+    }
+    return sum;
 #else
 #if MAP_FILTER == FILTER_STOCHASTIC
     // The texel in which a point falls that is moved by up to half a texel at random is one of the four neighbours, by its weight.
