@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import functools
 import json
 import sys
 import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..errors import PrevisError
 from ..io import COLOR_CORRECTIONS, check_format, parse_exposure, write_text
@@ -15,6 +19,11 @@ from ..settings import Settings
 from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
 from .frames import frame_path, has_placeholder, parse_frames
 from .view_of import camera_and_size, with_camera_light
+
+if TYPE_CHECKING:
+    from ..ahead import Writing
+    from ..image import Image
+    from ..render.choosing import Choice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -89,14 +98,16 @@ def run(arguments: argparse.Namespace) -> int:
     for file in (arguments.output, arguments.stats):
         if file is not None and not Path(file).parent.is_dir():
             raise PrevisError(f"{file}: there is no folder {Path(file).parent}")
+    from ..ahead import ReadAhead
     from ..index import RenderIndex
     from ..render.renderer import Renderer
 
     measures = bool(arguments.stats) if arguments.measure_error is None else arguments.measure_error
-    said: set[str] = set()
-    records, failed = [], 0
     with open_scene(arguments) as scene, Renderer() as renderer, contextlib.ExitStack() as stack:
         meter = _meter(renderer, stack) if measures else None
+        ahead = stack.enter_context(ReadAhead(scene.reader, renderer))
+        # The last to be left is the first here: a picture under way is written whatever ends the frames.
+        recording = stack.enter_context(_Recording(arguments, len(frames)))
         if arguments.disableGpu and not renderer.is_software:
             print(
                 f"warning: --disableGpu: this driver has no software rasteriser; {renderer.device} draws",
@@ -117,7 +128,9 @@ def run(arguments: argparse.Namespace) -> int:
                     description = with_camera_light(description, camera)
                 index.update(description)
                 chosen = _reference(settings, description) if arguments.reference else settings
-                progress = _progress(number, len(frames), frame)
+                if number + 1 < len(frames):
+                    ahead.begin(frames[number + 1], description, chosen)
+                progress = recording.progress(number, frame)
                 unmeasured = choice = None
                 if arguments.max_error is not None:
                     from ..render.choosing import render_within
@@ -137,41 +150,115 @@ def run(arguments: argparse.Namespace) -> int:
                         unmeasured = f"its error was not measured: {error}"
                 if arguments.enableDomeLightVisibility:
                     image = _over_dome(image, description)
-                image.save(output, exposure=arguments.exposure, color_correction=arguments.colorCorrectionMode)
             except PrevisError as error:
-                _clear_line()
-                failed += 1
-                where = "" if frame is None else f"frame {frame:g}: "
-                print(f"previs record: {where}{error}", file=sys.stderr)
-                records.append({"frame": frame, "error": str(error)})
+                recording.fail(frame, error)
                 continue
-            _clear_line()
             notes = list(image.stats["notes"]) + _light_notes(description)
             notes += [unmeasured] if unmeasured is not None else []
             notes += [str(choice)] if choice is not None and not choice.met else []
-            for note in notes:
-                if note not in said:
-                    said.add(note)
-                    print(f"warning: {note}", file=sys.stderr)
-            seconds = clock.perf_counter() - begin
-            if frame is not None:
-                error = f"  {image.error}" if image.error is not None else ""
-                print(f"Recording time code: {frame:.4f}  {output}  {seconds:.2f} s{error}", flush=True)
-            elif image.error is not None:
-                print(f"{output}: {image.error}", flush=True)
-            if choice is not None and choice.met:
-                print(f"{output}: {choice}", flush=True)
-            stats = {k: v for k, v in image.stats.items() if k != "notes"}
-            total = {
-                "frame": frame,
-                "file": output,
-                "total_seconds": seconds,
-                "camera": camera.path or "(frames the stage)",
-            }
-            records.append({**total, "size": list(size), "warnings": notes, **stats})
+            recording.write(_Drawn(frame, output, image, camera.path, notes, choice, clock.perf_counter() - begin))
     if arguments.stats:
-        write_text(Path(arguments.stats), json.dumps({"stage": arguments.stage, "frames": records}, indent=2) + "\n")
-    return 1 if failed else 0
+        frames_written = {"stage": arguments.stage, "frames": recording.records}
+        write_text(Path(arguments.stats), json.dumps(frames_written, indent=2) + "\n")
+    return 1 if recording.failed else 0
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A frame that was drawn, and what is to be said of it: `seconds` that it took, the notes, and how its settings
+    were chosen where a limit was given."""
+
+    frame: float | None
+    output: str
+    image: Image
+    camera: str
+    notes: list[str]
+    choice: Choice | None
+    seconds: float
+
+
+class _Recording:
+    """Writes the frames beside the drawing, one at a time, and says in their order what became of them.
+
+    Attributes:
+        records: of all frames that are done with, for --stats.
+        failed: how many could not be drawn or written.
+    """
+
+    def __init__(self, arguments: argparse.Namespace, count: int) -> None:
+        self.records: list[dict[str, Any]] = []
+        self.failed = 0
+        self._arguments, self._count = arguments, count
+        self._said: set[str] = set()
+        self._writing: tuple[_Drawn, Writing] | None = None
+
+    def __enter__(self) -> _Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._settle()
+
+    def write(self, drawn: _Drawn) -> None:
+        """Write a frame once the one before is written."""
+        from ..ahead import Writing
+
+        self._settle()
+        exposure, correction = self._arguments.exposure, self._arguments.colorCorrectionMode
+        save = functools.partial(drawn.image.save, drawn.output, exposure=exposure, color_correction=correction)
+        self._writing = drawn, Writing(save)
+
+    def fail(self, frame: float | None, error: PrevisError) -> None:
+        """Say that a frame cannot be drawn or written."""
+        self._settle()
+        _clear_line()
+        self.failed += 1
+        where = "" if frame is None else f"frame {frame:g}: "
+        print(f"previs record: {where}{error}", file=sys.stderr)
+        self.records.append({"frame": frame, "error": str(error)})
+
+    def progress(self, number: int, frame: float | None) -> Callable[[float], None]:
+        """What the drawing of a frame is to call: shows how far it is, and says so when the one before is written."""
+        show = _progress(number, self._count, frame)
+
+        def advance(fraction: float) -> None:
+            if self._writing is not None and self._writing[1].done:
+                self._settle()
+            if show is not None:
+                show(fraction)
+
+        return advance
+
+    def _settle(self) -> None:
+        """Wait for the frame that is being written, and say what became of it."""
+        if self._writing is None:
+            return
+        (drawn, writing), self._writing = self._writing, None
+        frame, output, image = drawn.frame, drawn.output, drawn.image
+        try:
+            seconds = drawn.seconds + writing.wait()
+        except PrevisError as error:
+            self.fail(frame, error)
+            return
+        _clear_line()
+        for note in drawn.notes:
+            if note not in self._said:
+                self._said.add(note)
+                print(f"warning: {note}", file=sys.stderr)
+        if frame is not None:
+            error = f"  {image.error}" if image.error is not None else ""
+            print(f"Recording time code: {frame:.4f}  {output}  {seconds:.2f} s{error}", flush=True)
+        elif image.error is not None:
+            print(f"{output}: {image.error}", flush=True)
+        if drawn.choice is not None and drawn.choice.met:
+            print(f"{output}: {drawn.choice}", flush=True)
+        stats = {k: v for k, v in image.stats.items() if k != "notes"}
+        total = {
+            "frame": frame,
+            "file": output,
+            "total_seconds": seconds,
+            "camera": drawn.camera or "(frames the stage)",
+        }
+        self.records.append({**total, "size": list(image.size), "warnings": drawn.notes, **stats})
 
 
 def _meter(renderer, stack: contextlib.ExitStack):

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
-import numpy as np
-
-from ..description import Field
+from ..ahead import fetch_and_pack
 from ..errors import PrevisError
 from ..render.renderer import Renderer
-from ..settings import Settings
-from ..stage import StageReader
-from ..stage.field import GridRequest
 from .document import Document
 
 #: Frames read ahead of the one shown, and the bytes of voxels that they may take: well below what the caches of the
@@ -118,24 +113,9 @@ class Playback:
             except PrevisError:
                 # It will be said when the frame is shown.
                 continue
-            self._jobs[time] = self._pool.submit(self._fetch, reader, requests, settings)
-
-    def _fetch(self, reader: StageReader, requests: Iterable[GridRequest], settings: Settings) -> int:
-        """Read and pack the grids of a time; returns the bytes of what was read."""
-        read = 0
-        for request in requests:
-            if self._stop.is_set():
-                break
-            try:
-                loaded = reader.fetch(request)
-                if not self._stop.is_set():
-                    # Where the grid lies in its volume does not matter to what is packed.
-                    self._renderer.prepare_field(Field(loaded.key, loaded.grid, np.eye(4)), settings, request.field)
-            except (PrevisError, MemoryError):
-                # It will be said when the frame is shown.
-                break
-            read += loaded.nbytes
-        return read
+            self._jobs[time] = self._pool.submit(
+                fetch_and_pack, reader, requests, self._renderer, settings, self._stop.is_set
+            )
 
     def close(self) -> None:
         """End the thread; a file that it is just reading is read to its end, but nobody waits for it."""

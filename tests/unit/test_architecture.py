@@ -28,6 +28,7 @@ ALLOWED = {
     "stage": {"errors", "description", "settings", "index", "vdb"},
     "scene": {"errors", "blackbody", "description", "settings", "index", "vdb", "stage"},
     "api": {"errors", "description", "settings", "index", "image", "io", "render", "scene"},
+    "ahead": {"errors", "description", "settings", "render", "stage"},
     "__init__": {"*"},
     "commands": {"*"},
     "cli": {"*"},
