@@ -372,7 +372,7 @@ void main() {
         march_between(s0, s1, inside, density, lit);
     }
     if (is_opaque()) transmittance = vec3(0.0);
-    out_scattered = vec4(scattered, 1.0);
+    out_scattered = vec4(scattered, visible.y);  // and how far the ray sees, for upsample.frag
     out_transmittance = vec4(transmittance, 1.0);
 #if HAS_EMISSION
     out_emission = vec4(emitted, 1.0);

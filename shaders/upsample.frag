@@ -5,7 +5,7 @@
 #include "include/camera.glsl"
 #include "include/medium.glsl"
 
-uniform sampler2D march_scattered;
+uniform sampler2D march_scattered;  // a: how far the ray sees
 uniform sampler2D march_transmittance;
 #if HAS_EMISSION
 uniform sampler2D march_emission;
@@ -14,7 +14,6 @@ uniform vec2 image_size;
 uniform int pixel_stride;  // of the marched pixels
 #if HAS_MESHES
 uniform sampler2D gbuffer_normal_distance;
-uniform float background_distance;
 #endif
 
 layout(location = 0) out vec4 out_scattered;
@@ -31,19 +30,18 @@ const float OTHER = 0.05;
 // Less weight than this of the four is too little to go by.
 const float LEAST_WEIGHT = 0.2;
 
-// Optical depth up to a distance of a medium that is everywhere as dense as its densest voxel, in the weakest channel.
-float depth_until(Ray ray, vec2 spans[VOLUME_COUNT], float end) {
-    vec3 depth = vec3(0.0);
-    for (int v = 0; v < VOLUME_COUNT; ++v) {
-        float peak = is_grid(v) ? volumes[v].atlas_scale.w : 1.0;
-        depth += max(min(spans[v].y, end) - spans[v].x, 0.0) * peak * volumes[v].strength.rgb;
-    }
-    return max(max(depth.r, depth.g), depth.b);
+float strongest(vec3 c) {
+    return max(max(c.r, c.g), c.b);
+}
+
+// Of the densest voxel.
+float strongest_extinction(int v) {
+    return strongest(volumes[v].strength.rgb) * (is_grid(v) ? volumes[v].atlas_scale.w : 1.0);
 }
 
 // How much what lies between two optical depths may count at the most, where a marched ray that ends at the second transmits so much.
-float difference(float wanted, float found, float transmittance) {
-    return (wanted < found ? 1.0 : transmittance) * (1.0 - exp(-abs(wanted - found)));
+vec4 difference(float wanted, vec4 found, vec4 transmittance) {
+    return mix(transmittance, vec4(1.0), lessThan(vec4(wanted), found)) * (1.0 - exp(-abs(wanted - found)));
 }
 #endif
 
@@ -54,53 +52,54 @@ void main() {
     ivec2 next = min(first + pixel_stride, ivec2(image_size) - 1);
     ivec2 high = low + ivec2(greaterThan(next, first));
     vec2 part = vec2(pixel - first) / vec2(max(next - first, 1));
-    ivec2 texel[4] = ivec2[4](low, ivec2(high.x, low.y), ivec2(low.x, high.y), high);
+    ivec2 right = ivec2(high.x, low.y);
+    ivec2 above = ivec2(low.x, high.y);
     vec4 weight = vec4(1.0 - part.x, part.x, 1.0 - part.x, part.x) * vec4(vec2(1.0 - part.y), vec2(part.y));
-    vec3 transmittance[4];
-    for (int i = 0; i < 4; ++i) transmittance[i] = texelFetch(march_transmittance, texel[i], 0).rgb;
+    vec4 scattered0 = texelFetch(march_scattered, low, 0);
+    vec4 scattered1 = texelFetch(march_scattered, right, 0);
+    vec4 scattered2 = texelFetch(march_scattered, above, 0);
+    vec4 scattered3 = texelFetch(march_scattered, high, 0);
+    vec3 transmittance0 = texelFetch(march_transmittance, low, 0).rgb;
+    vec3 transmittance1 = texelFetch(march_transmittance, right, 0).rgb;
+    vec3 transmittance2 = texelFetch(march_transmittance, above, 0).rgb;
+    vec3 transmittance3 = texelFetch(march_transmittance, high, 0).rgb;
 #if HAS_MESHES
     gl_FragDepth = 0.0;
-    vec4 end = vec4(texelFetch(gbuffer_normal_distance, first, 0).w,
-                    texelFetch(gbuffer_normal_distance, ivec2(next.x, first.y), 0).w,
-                    texelFetch(gbuffer_normal_distance, ivec2(first.x, next.y), 0).w,
-                    texelFetch(gbuffer_normal_distance, next, 0).w);
+    vec4 end = vec4(scattered0.a, scattered1.a, scattered2.a, scattered3.a);
     float own = texelFetch(gbuffer_normal_distance, pixel, 0).w;
-    if (own < background_distance || any(lessThan(end, vec4(background_distance)))) {
-        Ray ray = camera_ray((vec2(pixel) + 0.5) / image_size);
-        vec2 visible = camera_range(ray);
-        vec2 spans[VOLUME_COUNT];
+    Ray ray = camera_ray((vec2(pixel) + 0.5) / image_size);
+    vec2 visible = camera_range(ray);
+    float nearest = min(min(min(end.x, end.y), min(end.z, end.w)), own);
+    float most = 0.0;
+    for (int v = 0; v < VOLUME_COUNT; ++v) most += strongest_extinction(v);
+    // Along a surface, and before an empty background, the ends are as far as they should be, wherever the media are.
+    if (nearest < 0.999 * visible.y && most * abs(dot(weight, end) - own) > SAME) {
+        float wanted = 0.0;
+        vec4 found = vec4(0.0);
         for (int v = 0; v < VOLUME_COUNT; ++v) {
             vec2 span = volume_interval(v, ray.anchor, ray.direction);
-            spans[v] = vec2(max(span.x, visible.x), min(span.y, visible.y));
+            span = vec2(max(span.x, visible.x), min(span.y, visible.y));
+            float extinction = strongest_extinction(v);
+            wanted += extinction * max(min(span.y, own) - span.x, 0.0);
+            found += extinction * max(min(vec4(span.y), end) - span.x, 0.0);
         }
-        float wanted = depth_until(ray, spans, own);
-        vec4 found = vec4(0.0);
-        vec4 clear = vec4(0.0);
-        for (int i = 0; i < 4; ++i) {
-            found[i] = depth_until(ray, spans, end[i]);
-            clear[i] = max(max(transmittance[i].r, transmittance[i].g), transmittance[i].b);
-        }
+        vec4 clear = vec4(strongest(transmittance0), strongest(transmittance1), strongest(transmittance2), strongest(transmittance3));
         // A surface that is seen aslant is as far as its neighbours are together, however much they differ.
-        if (difference(wanted, dot(weight, found), max(max(clear.x, clear.y), max(clear.z, clear.w))) > SAME) {
-            for (int i = 0; i < 4; ++i)
-                weight[i] *= 1.0 - smoothstep(SAME, OTHER, difference(wanted, found[i], clear[i]));
+        vec4 together = vec4(dot(weight, found));
+        vec4 clearest = vec4(max(max(clear.x, clear.y), max(clear.z, clear.w)));
+        if (difference(wanted, together, clearest).x > SAME) {
+            weight *= 1.0 - smoothstep(SAME, OTHER, difference(wanted, found, clear));
             float total = dot(weight, vec4(1.0));
             if (total < LEAST_WEIGHT) gl_FragDepth = 1.0;
             weight /= max(total, 1e-6);
         }
     }
 #endif
-    vec3 scattered = vec3(0.0);
-    vec3 through = vec3(0.0);
-    for (int i = 0; i < 4; ++i) {
-        scattered += weight[i] * texelFetch(march_scattered, texel[i], 0).rgb;
-        through += weight[i] * transmittance[i];
-    }
-    out_scattered = vec4(scattered, 1.0);
-    out_transmittance = vec4(through, 1.0);
+    out_scattered = weight.x * scattered0 + weight.y * scattered1 + weight.z * scattered2 + weight.w * scattered3;
+    out_transmittance = vec4(weight.x * transmittance0 + weight.y * transmittance1 + weight.z * transmittance2
+        + weight.w * transmittance3, 1.0);
 #if HAS_EMISSION
-    vec3 emission = vec3(0.0);
-    for (int i = 0; i < 4; ++i) emission += weight[i] * texelFetch(march_emission, texel[i], 0).rgb;
-    out_emission = vec4(emission, 1.0);
+    out_emission = weight.x * texelFetch(march_emission, low, 0) + weight.y * texelFetch(march_emission, right, 0)
+        + weight.z * texelFetch(march_emission, above, 0) + weight.w * texelFetch(march_emission, high, 0);
 #endif
 }

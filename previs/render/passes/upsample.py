@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import moderngl
 
-from ..frame import BACKGROUND_DISTANCE, Frame
+from ..frame import Frame
 from ..planned import PlannedPass
 from .march import march, march_targets, media_formats
 
@@ -31,7 +31,6 @@ def run_upsample(frame: Frame, planned: PlannedPass) -> Iterator[float]:
             frame.bind_lighting(program, plan.batches[0])
             frame.bind(gbuffer_normal_distance=frame.geometry[0])
         frame.bind_pixels(program, plan.march_divisor)
-        program.set(background_distance=0.5 * BACKGROUND_DISTANCE)
         sampled = ("march_scattered", "march_transmittance", "march_emission")
         frame.bind(**dict(zip(sampled, frame.targets["march"].color_attachments, strict=False)))
         frame.context.enable_only(moderngl.DEPTH_TEST if plan.meshes else moderngl.NOTHING)
