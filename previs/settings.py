@@ -226,6 +226,14 @@ TABLE: tuple[Setting, ...] = (
         unit="MiB",
     ),
     Setting(
+        "sparse",
+        "auto",
+        "Whether densities are held on the GPU in bricks, without what is empty: on, off, or auto for those of 4 MiB "
+        "or more that this shrinks by 30 % or more, or that would not fit field_memory otherwise.",
+        ("fields",),
+        choices=("auto", "on", "off"),
+    ),
+    Setting(
         "error_pixels",
         256,
         "Random pixels that are drawn again by brute force to measure the error of a picture.",

@@ -46,7 +46,11 @@ void main() {
                 if (s < spans[v].x || s > spans[v].y) continue;
 #endif
 #if HAS_GRIDS
+#if HAS_SPARSE
+                density[v] += is_grid(v) ? density_at(v, ray.anchor + s * ray.direction) / volumes[v].atlas_scale.w : 1.0;
+#else
                 density[v] += is_grid(v) ? texture(density_atlas, start[v] + s * slope[v]).r : 1.0;
+#endif
 #else
                 density[v] += 1.0;
 #endif

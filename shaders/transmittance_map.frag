@@ -8,6 +8,7 @@
 #include "include/light_map.glsl"
 #include "include/map_curve.glsl"
 #include "include/integrate.glsl"
+#include "include/field.glsl"
 
 const float PI = 3.14159265358979;
 const float EMPTY = 1e30;
@@ -29,10 +30,12 @@ layout(location = 4) out vec4 values4;
 #endif
 layout(location = MAP_LAYERS) out vec4 range;
 
-uniform sampler3D density_atlas;
 uniform mat4 centre_to_box;  // point relative to the volume's centre -> unit cube
 uniform vec4 atlas_scale;    // w: density of a texel of value 1
 uniform vec3 atlas_offset;
+uniform vec4 bricks_scale;
+uniform vec4 bricks_shift;
+uniform vec4 bricks_offset;
 uniform int map_kind;
 uniform mat3 ray_origin;     // columns: at (0, 0), change along u, change along v
 uniform mat3 ray_direction;
@@ -55,7 +58,7 @@ float past_gap(float s) {
 
 float density(float s) {
     vec3 box = clamp((centre_to_box * vec4(origin + s * direction, 1.0)).xyz, 0.0, 1.0);
-    return texture(density_atlas, box * atlas_scale.xyz + atlas_offset).r * atlas_scale.w;
+    return field_density(box, atlas_scale, atlas_offset, bricks_scale, bricks_shift.xyz, bricks_offset.xyz);
 }
 
 vec2 bounds_interval() {

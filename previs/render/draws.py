@@ -15,7 +15,7 @@ from .planned import DeviceLimits, counted
 
 MAX_LIGHTS_PER_BATCH = 64
 #: Bytes of a light, a volume and a pair of both in the uniform blocks; see uniforms.py.
-LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 12 * 16, 7 * 16
+LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 15 * 16, 7 * 16
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
 #: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
 LOOP_BUDGET = 50_000

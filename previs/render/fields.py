@@ -1,4 +1,5 @@
-"""Sparse grids made dense for the GPU: padded, normalised, in half floats, and reduced where they are too large.
+"""Sparse grids as blocks for the GPU: padded, normalised, in half floats, dense or in bricks, and reduced
+where too large.
 
 A packed field covers the active box and one voxel around it, where the field falls to its background, so that the
 trilinear filter of the texture unit gives the field as it is defined and nothing outside it is ever needed.
@@ -14,15 +15,23 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..description import Field
-from .cells import cells_of
+from .bricks import Bricks, occupancy, value_scale
+from .cells import cell_counts, cell_edge, cells_of
 
 #: Largest edge of a 3D texture assumed when a plan is made without a device; GL 3.3 drivers in use offer this.
 DEFAULT_TEXTURE_LIMIT = 2048
 #: Memory for fields that were packed ahead and may be wanted again, bytes.
 STORE_MEMORY = 2**30
+#: Blocks of more bytes are not kept in memory once they are uploaded.
+LARGE_BLOCK = 2**26
+#: What the fields are used for that may be held in bricks.
+SPARSE_ROLES = frozenset({"density"})
+#: A field is held in bricks where they take less than this part of the dense block's bytes, ...
+WORTH_BRICKS = 0.7
+#: ... and that takes as many at the least.
+LEAST_TO_SPARE = 2**22
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +40,33 @@ class PackedField:
 
     `values` is float16 of shape (z, y, x) or (z, y, x, 4), x fastest as a 3D texture wants it; the field is
     ``values · scale``. `box_to_index` is 4×4 and maps the unit box, whose corners are the centres of the corner
-    voxels of the block, to the grid's index space. `reduction` is the edge of the cube of voxels averaged into
-    one (1: none).
+    voxels of the field, to the grid's index space. `reduction` is the edge of the cube of voxels averaged into
+    one (1: none). Where there are `bricks` the block holds them, and else the voxels of the box as they lie in it.
+    `given_cells` are the cells, where they were found without the box's voxels.
     """
 
     values: np.ndarray
     scale: float
     box_to_index: np.ndarray
     reduction: int
+    bricks: Bricks | None = None
+    given_cells: tuple[np.ndarray, int] | None = None
 
     @property
     def size(self) -> tuple[int, int, int]:
         """Texels along x, y, z."""
         z, y, x = self.values.shape[:3]
         return x, y, z
+
+    @property
+    def intervals(self) -> np.ndarray:
+        """Intervals between voxels that the box spans along x, y, z."""
+        return np.array(self.size, float) - 1.0 if self.bricks is None else self.bricks.intervals
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of the values, and of the table of bricks."""
+        return self.values.nbytes + (self.bricks.table.nbytes if self.bricks is not None else 0)
 
     @property
     def scalars(self) -> np.ndarray:
@@ -56,7 +78,7 @@ class PackedField:
     @cached_property
     def cells(self) -> tuple[np.ndarray, int]:
         """The cells of the scalar values, and their edge; see cells.py."""
-        return cells_of(self.scalars)
+        return self.given_cells or cells_of(self.scalars)
 
 
 def _block_dims(dims: np.ndarray, factor: int) -> np.ndarray:
@@ -82,20 +104,57 @@ def field_dims(field: Field) -> np.ndarray:
     return np.asarray(hi, np.int64) - np.asarray(lo, np.int64) + 1
 
 
-def planned_reduction(
-    field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, components: int = 1
-) -> int:
-    """The reduction that `pack` will apply for that much memory (bytes), for 1 or 4 half-float components."""
-    return reduction_factor(field_dims(field), 2 * components, memory, texture_limit)
+@dataclass(frozen=True)
+class Storage:
+    """How a field is held on the GPU: in bricks of `edge` voxels (0: as a dense block), averaged over cubes of
+    `reduction`³ voxels, in that many bytes."""
+
+    edge: int
+    reduction: int
+    nbytes: int
 
 
-def packed_bytes(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, components: int = 1) -> int:
-    """Texture memory that a field takes within those limits, at the most."""
-    factor = planned_reduction(field, memory, texture_limit, components)
-    return int(np.prod(_block_dims(field_dims(field), factor))) * 2 * components
+def storage(
+    field: Field,
+    memory: int,
+    texture_limit: int = DEFAULT_TEXTURE_LIMIT,
+    components: int = 1,
+    sparse: str = "off",
+) -> Storage:
+    """How `pack` will hold a field; arguments as there."""
+    dims = field_dims(field)
+    factor = reduction_factor(dims, 2 * components, memory, texture_limit)
+    dense = _dense_bytes(dims, factor, components)
+    if sparse == "off" or components > 1 or field.grid.leaf_values.ndim > 4:
+        return Storage(0, factor, dense)
+    # No wider than a dense block could be: the steps of a march are counted in voxels.
+    if dims.max() + 2 > texture_limit or (sparse == "auto" and factor == 1 and dense < LEAST_TO_SPARE):
+        return Storage(0, factor, dense)
+    nbytes, edge = occupancy(field.grid).best(texture_limit)
+    nbytes += _cell_bytes(dims + 2)
+    if nbytes <= memory and (sparse == "on" or factor > 1 or nbytes < WORTH_BRICKS * dense):
+        return Storage(edge, 1, int(nbytes))
+    return Storage(0, factor, dense)
 
 
-def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, components: int = 1) -> PackedField:
+def _dense_bytes(dims: np.ndarray, factor: int, components: int) -> int:
+    block = _block_dims(dims, factor)
+    return int(np.prod(block)) * 2 * components + (_cell_bytes(block) if components == 1 else 0)
+
+
+def _cell_bytes(size: np.ndarray) -> int:
+    """Bytes of the cells of so many voxels along each axis."""
+    size = [int(n) for n in size]
+    return int(np.prod(cell_counts(size, cell_edge(size)))) * 2
+
+
+def pack(
+    field: Field,
+    memory: int,
+    texture_limit: int = DEFAULT_TEXTURE_LIMIT,
+    components: int = 1,
+    sparse: str = "off",
+) -> PackedField:
     """Pack a field of at least one active voxel, averaging cubes of voxels where it would exceed the limits.
 
     Args:
@@ -103,38 +162,41 @@ def pack(field: Field, memory: int, texture_limit: int = DEFAULT_TEXTURE_LIMIT, 
         memory: bytes that the block may take.
         texture_limit: largest edge of a 3D texture.
         components: of the texture that the block goes into, 1 or 4.
+        sparse: whether to hold it in bricks: "on", "off", or "auto" for where that takes less memory.
     """
     grid = field.grid
     lo, hi = (np.asarray(b, np.int64) for b in grid.bounds)
-    factor = planned_reduction(field, memory, texture_limit, components)
-    # Values are stored relative to the peak: densities far outside the range of a half float keep their precision.
+    held = storage(field, memory, texture_limit, components, sparse)
+    factor = held.reduction
+    if held.edge:
+        found = occupancy(grid)
+        block = found.pack(grid, held.edge, texture_limit)
+        to_index = _box_to_index(lo - 1, block.bricks.intervals, 1)
+        return PackedField(block.values, found.scale, to_index, 1, block.bricks, block.cells)
     if factor == 1:
-        first, scale = lo - 1, _scale(grid.background, grid.leaf_values, grid.tiles.value, grid.inactive_tiles.value)
+        first, scale = lo - 1, value_scale(grid)
         # The size was checked against the memory above; the grid's own limit is for those who did not.
         limit = int(np.prod(hi - lo + 3))
         dense = grid.dense(lo - 1, hi + 1, limit, dtype=np.float16, divisor=scale, order="F")
     else:
         first, dense = lo // factor - 1, _reduced(grid, lo, hi, factor)
-        scale = _scale(dense)
+        scale = max(float(dense.max()), -float(dense.min())) or 1.0
         dense /= dense.dtype.type(scale)
     if dense.ndim == 4:
         values = np.zeros((*dense.shape[2::-1], 4), np.float16)
         values[..., :3] = dense.transpose(2, 1, 0, 3)
     else:
         values = dense.transpose(2, 1, 0).astype(np.float16, order="C", copy=False)
-    # Box coordinate 0 is the centre of the block's first voxel, 1 that of its last.
-    cells = np.array(dense.shape[:3], float) - 1.0
-    box_to_index = np.eye(4)
-    box_to_index[:3, :3] = np.diag(cells * factor)
-    box_to_index[3, :3] = (first + 0.5) * factor - 0.5
-    return PackedField(values, scale, box_to_index, factor)
+    to_index = _box_to_index(first, np.array(dense.shape[:3], float) - 1.0, factor)
+    return PackedField(values, scale, to_index, factor)
 
 
-def _scale(*arrays: ArrayLike) -> float:
-    """The largest magnitude in some arrays; 1 where that is nothing to divide by."""
-    filled = [a for a in map(np.asarray, arrays) if a.size]
-    peak = max((max(float(a.max()), -float(a.min())) for a in filled), default=0.0)
-    return peak if peak > 0.0 and np.isfinite(peak) else 1.0
+def _box_to_index(first: np.ndarray, intervals: np.ndarray, factor: int) -> np.ndarray:
+    """Box coordinate 0 is the centre of the first of the cubes of voxels that were averaged, 1 that of the last."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.diag(intervals * factor)
+    matrix[3, :3] = (first + 0.5) * factor - 0.5
+    return matrix
 
 
 @dataclass(eq=False)
@@ -156,12 +218,12 @@ class PackedStore:
         self._stored: OrderedDict[Hashable, _Stored] = OrderedDict()
 
     @staticmethod
-    def _key(f: Field, memory: int, texture_limit: int, components: int) -> Hashable:
-        return f.key, memory, texture_limit, components
+    def _key(f: Field, memory: int, texture_limit: int, components: int, sparse: str) -> Hashable:
+        return f.key, memory, texture_limit, components, sparse
 
-    def prepare(self, f: Field, memory: int, texture_limit: int, components: int) -> None:
+    def prepare(self, f: Field, memory: int, texture_limit: int, components: int, sparse: str = "off") -> None:
         """Pack a field and keep it, where it is not kept already; arguments as for `pack`."""
-        key = self._key(f, memory, texture_limit, components)
+        key = self._key(f, memory, texture_limit, components, sparse)
         with self._lock:
             held = self._stored.get(key)
             if held is not None:
@@ -169,7 +231,7 @@ class PackedStore:
                 return
             held = self._stored[key] = _Stored(f.key)
         try:
-            held.packed = pack(f, memory, texture_limit, components)
+            held.packed = pack(f, memory, texture_limit, components, sparse)
             if components == 1:
                 held.packed.cells  # noqa: B018  # computed here rather than by the thread that draws
         except BaseException:
@@ -181,9 +243,9 @@ class PackedStore:
         with self._lock:
             self._shrink()
 
-    def take(self, f: Field, memory: int, texture_limit: int, components: int) -> PackedField:
+    def take(self, f: Field, memory: int, texture_limit: int, components: int, sparse: str = "off") -> PackedField:
         """A field packed ahead, or else packed now and not kept; arguments as for `pack`."""
-        key = self._key(f, memory, texture_limit, components)
+        key = self._key(f, memory, texture_limit, components, sparse)
         with self._lock:
             held = self._stored.get(key)
             if held is not None:
@@ -191,11 +253,14 @@ class PackedStore:
         if held is not None:
             held.ready.wait()
             if held.packed is not None:
+                if held.packed.nbytes > LARGE_BLOCK:
+                    with self._lock:
+                        self._stored.pop(key, None)
                 return held.packed
-        return pack(f, memory, texture_limit, components)
+        return pack(f, memory, texture_limit, components, sparse)
 
     def _shrink(self) -> None:
-        sizes = {key: s.packed.values.nbytes for key, s in self._stored.items() if s.packed is not None}
+        sizes = {key: s.packed.nbytes for key, s in self._stored.items() if s.packed is not None}
         total = sum(sizes.values())
         # The last one packed stays, however large: somebody is about to draw it.
         for key in list(sizes)[:-1]:

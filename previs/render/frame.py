@@ -36,6 +36,7 @@ UNITS = {
     "blackbody_table": 14,
     "scattered_pixels": 15,
     "density_cells": 16,
+    "density_bricks": 17,
     "previous_scattered": 9,
     "previous_transmittance": 10,
     "previous_emission": 11,
@@ -178,11 +179,18 @@ class Frame:
             layers = {f"map_values{i}": t for i, t in enumerate(self.maps.values)}
             self.bind(map_range=self.maps.range, **layers)
             program.set(map_size=float(plan.map_size))
-        self.bind(density_atlas=self.density.texture, density_cells=self.density.cells)
+        self.bind_density(program)
         if plan.shadow_tiles:
             self.bind(shadow_atlas=self.shadows.texture)
             program.set(shadow_tiling=self.shadows.tiling(plan))
         program.set(light_count=len(batch), ambient=plan.ambient, first_batch=batch.start == 0)
+
+    def bind_density(self, program: Program) -> None:
+        """Give a program what field.glsl and the cells of medium.glsl read."""
+        density = self.density
+        self.bind(density_atlas=density.texture, density_cells=density.cells, density_bricks=density.bricks)
+        if density.texture is not None:
+            program.set(density_texel=tuple(1.0 / n for n in density.texture.size))
 
     def bind_emission(self, program: Program) -> None:
         """Give a program everything that emission.glsl reads."""

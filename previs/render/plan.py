@@ -19,7 +19,7 @@ from ..index import RenderIndex, camera_key
 from ..settings import Settings
 from .atlas import AtlasLayout
 from .draws import FEW_CUTS, VOLUME_BYTES, march_draws
-from .fields import field_dims, packed_bytes, planned_reduction
+from .fields import SPARSE_ROLES, field_dims, storage
 from .light_plan import map_size_for, plan_maps, plan_shadows
 from .method import method_of
 from .planned import PHASE_NUMBERS, Atlases, DeviceLimits, Plan, PlannedMap, PlannedPass, counted, march_size
@@ -91,18 +91,18 @@ def make_plan(
     passes: list[PlannedPass] = []
 
     fields = [
-        (v, f, components)
+        (v, f, components, settings.sparse if role in SPARSE_ROLES else "off")
         for v in records
-        for f, components in ((v.density, 1), (v.temperature, 1), (v.emission, 4))
-        if f is not None and f.grid.active_count
+        for role, components in (("density", 1), ("temperature", 1), ("emission", 4))
+        if (f := getattr(v, role)) is not None and f.grid.active_count
     ]
+    has_bricks = False
     if fields:
         # Equal fields, those of instances, are held once.
-        held = {(f.key, components): f for _, f, components in fields}
-        size = sum(packed_bytes(f, memory, limits.texture_3d_size, components) for (_, components), f in held.items())
-        for volume, f, components in fields:
-            factor = planned_reduction(f, memory, limits.texture_3d_size, components)
-            if factor > 1:
+        held = {}
+        for volume, f, components, sparse in fields:
+            stored = held[f.key, components, sparse] = storage(f, memory, limits.texture_3d_size, components, sparse)
+            if (factor := stored.reduction) > 1:
                 dims = "×".join(str(d) for d in field_dims(f))
                 message = f"field of {dims} voxels is averaged over cubes of {factor}³ to fit"
                 notes.append(Note("approximated", volume.path, message))
@@ -110,6 +110,9 @@ def make_plan(
         why = f"{counted(len(held), 'field')} of voxels"
         if len(held) < len(fields):
             why += f", used {len(fields)} times"
+        size, edges = sum(s.nbytes for s in held.values()), sorted({s.edge for s in held.values() if s.edge})
+        if has_bricks := bool(edges):
+            why += f", {sum(s.edge > 0 for s in held.values())} in bricks of " + ", ".join(f"{e}³" for e in edges)
         passes.append(
             PlannedPass("fields", "fields", why, (), size, (keys, settings.read_by("fields"), limits), payload=records)
         )
@@ -140,6 +143,7 @@ def make_plan(
     chosen = pixels and pixels.key
     defines = _defines(records, planned_lights, maps, len(batches[0]), meshes, ambient, settings)
     defines["SCATTERED_PIXELS"] = pixels is not None
+    defines["HAS_SPARSE"] = has_bricks
     shadow_passes = tuple(p.name for p in passes if p.kind == "shadow_map")
     map_passes = tuple(p.name for p in passes if p.kind == "transmittance_map")
     field_passes = ("fields",) if fields else ()

@@ -16,7 +16,7 @@ from ..image import Image
 from ..index import RenderIndex
 from ..settings import Settings
 from .context import check_errors, create_context, is_software
-from .fields import field_dims
+from .fields import SPARSE_ROLES, field_dims
 from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
 from .plan import make_plan
@@ -433,17 +433,17 @@ class Renderer:
         """
         settings = settings or Settings()
         wanted = [
-            (f, components)
+            (f, role)
             for volume in description.volumes.values()
             if any(s > 0.0 for s in volume.medium.strength)
-            for role, components in FIELD_COMPONENTS.items()
+            for role in FIELD_COMPONENTS
             if (f := getattr(volume, role)) is not None and f.grid.active_count
         ]
         sizes = [max(int(field_dims(f).prod()), 1) for f, _ in wanted]
-        for number, (f, components) in enumerate(wanted):
+        for number, (f, role) in enumerate(wanted):
             if progress is not None:
                 progress(sum(sizes[:number]) / sum(sizes))
-            self._pack(f, settings, components)
+            self._pack(f, settings, role)
         self._frame.shared.packed.keep(f for f, _ in wanted)
         if progress is not None:
             progress(1.0)
@@ -451,11 +451,12 @@ class Renderer:
     def prepare_field(self, f: Field, settings: Settings, role: str) -> None:
         """Pack one field as `prepare` does; `role` is what a volume uses it for: density, temperature or emission."""
         if f.grid.active_count:
-            self._pack(f, settings, FIELD_COMPONENTS.get(role, 1))
+            self._pack(f, settings, role)
 
-    def _pack(self, f: Field, settings: Settings, components: int) -> None:
-        memory = settings.field_memory * 2**20
-        self._frame.shared.packed.prepare(f, memory, self.limits.texture_3d_size, components)
+    def _pack(self, f: Field, settings: Settings, role: str) -> None:
+        memory, limit = settings.field_memory * 2**20, self.limits.texture_3d_size
+        sparse = settings.sparse if role in SPARSE_ROLES else "off"
+        self._frame.shared.packed.prepare(f, memory, limit, FIELD_COMPONENTS.get(role, 1), sparse)
 
     def forget_drawn(self) -> None:
         """Let the next draw run every pass again but the upload of the voxels, which stay."""

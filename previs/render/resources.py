@@ -6,6 +6,7 @@ passes do.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Hashable, Iterator, Sequence
 from contextlib import contextmanager
@@ -15,7 +16,7 @@ import moderngl
 import numpy as np
 
 from ..description import Field, Geometry, Mesh
-from .fields import PackedField, PackedStore
+from .fields import LARGE_BLOCK, PackedField, PackedStore
 from .method import method_of
 from .planned import Plan
 
@@ -27,8 +28,10 @@ LINEAR = (moderngl.LINEAR, moderngl.LINEAR)
 class Placement:
     """Where a field lies in its atlas: its unit box to atlas coordinates, the value of a texel of 1, and box → local.
 
-    `cells_scale` is the number of its cells that the box spans, and `cells_offset` the first texel of them; zeros in
-    an atlas without cells.
+    `cells_scale` is the number of its cells that the box spans, `cells_offset` the first texel of them, and `cell_edge`
+    their edge in intervals between voxels; zeros in an atlas without cells. Box coordinate b is at
+    ``b · bricks_scale + bricks_shift`` bricks from the one whose entry is at `bricks_offset` of the table, and `scale`
+    is that of a brick; a dense block is one brick. `background` is the value, in texels, where no brick is stored.
     """
 
     scale: np.ndarray
@@ -37,6 +40,11 @@ class Placement:
     box_to_local: np.ndarray
     cells_scale: np.ndarray = field(default_factory=lambda: np.zeros(3))
     cells_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    cell_edge: int = 0
+    bricks_scale: np.ndarray = field(default_factory=lambda: np.ones(3))
+    bricks_shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    bricks_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    background: float = 0.0
 
     def scale_row(self) -> tuple[float, ...]:
         """Row of a uniform block: scale and value."""
@@ -45,6 +53,13 @@ class Placement:
     def offset_row(self) -> tuple[float, ...]:
         """Row of a uniform block: offset, and a free slot."""
         return (*self.offset, 0.0)
+
+    def brick_rows(self) -> np.ndarray:
+        """Three rows of a uniform block: scale and background, shift, offset, with free slots."""
+        rows = np.zeros((3, 4))
+        rows[:, :3] = self.bricks_scale, self.bricks_shift, self.bricks_offset
+        rows[0, 3] = self.background
+        return rows
 
 
 def pack_boxes(
@@ -98,20 +113,33 @@ class _Voxels:
     corners: dict[Hashable, tuple[int, int, int]] = field(default_factory=dict)
     cells: moderngl.Texture3D | None = None
     cell_corners: dict[Hashable, tuple[int, int, int]] = field(default_factory=dict)
+    bricks: moderngl.Texture3D | None = None
+    brick_corners: dict[Hashable, tuple[int, int, int]] = field(default_factory=dict)
     serial: int = 0
     users: set[FieldAtlas] = field(default_factory=set)
 
     def free(self) -> None:
-        for texture in (self.texture, self.cells):
+        for texture in (self.texture, self.cells, self.bricks):
             if texture is not None:
                 texture.release()
         if self.texture is not None:
             self.serial = next(_serials)
         self.texture, self.blocks, self.corners = None, {}, {}
         self.cells, self.cell_corners = None, {}
+        self.bricks, self.brick_corners = None, {}
 
 
 _serials = itertools.count(1)
+
+
+def _hollow(block: PackedField) -> PackedField:
+    """A block of the same shape, whose values and table take no memory."""
+    bricks = block.bricks
+    if bricks is not None:
+        bricks = dataclasses.replace(bricks, table=np.broadcast_to(bricks.table[:1, :1, :1], bricks.table.shape))
+    values = np.broadcast_to(block.values.reshape(-1)[:1].reshape((1,) * block.values.ndim), block.values.shape)
+    cells = block.cells if block.given_cells is not None or "cells" in block.__dict__ else None
+    return dataclasses.replace(block, values=values, bricks=bricks, given_cells=cells)
 
 
 class FieldAtlas:
@@ -150,40 +178,54 @@ class FieldAtlas:
         return self._voxels.cells if self in self._voxels.users else None
 
     @property
+    def bricks(self) -> moderngl.Texture3D | None:
+        """The tables of bricks; None where nothing is held, or nothing in bricks."""
+        return self._voxels.bricks if self in self._voxels.users else None
+
+    @property
     def serial(self) -> int:
         """A number that moves when the texture is made anew, by whomever; 0 while this atlas holds no fields."""
         return self._voxels.serial if self in self._voxels.users else 0
 
-    def update(self, fields: dict[str, Field], memory: int, limit: int) -> None:
+    def update(self, fields: dict[str, Field], memory: int, limit: int, sparse: str = "off") -> None:
         """Hold these fields (by volume path) and no others, but for those that somebody else uses; upload only when a
-        field entered or left."""
+        field entered or left. `memory`, `limit` and `sparse` are those of `fields.pack`."""
         if not fields:
             self.release()
             return
         voxels = self._voxels
-        wanted = {(f.key, memory, limit): f for f in fields.values()}
+        wanted = {(f.key, memory, limit, sparse): f for f in fields.values()}
         shared = bool(voxels.users - {self})
         voxels.users.add(self)
         if set(wanted) - set(voxels.blocks) if shared else set(wanted) != set(voxels.blocks):
+            kept = {k: b for k, b in voxels.blocks.items() if b.nbytes <= LARGE_BLOCK}
             self._upload(
-                {k: voxels.blocks.get(k) or self._packed.take(f, *k[1:], self._components) for k, f in wanted.items()},
+                {k: kept.get(k) or self._packed.take(f, *k[1:3], self._components, sparse) for k, f in wanted.items()},
                 limit,
             )
         atlas = np.array(voxels.texture.size, float)
         self.placements = {}
         for path, f in fields.items():
-            key = (f.key, memory, limit)
+            key = (f.key, memory, limit, sparse)
             block = voxels.blocks[key]
             size = np.array(block.size, float)
             # The block's transform belongs to the field that was packed; this one may sit elsewhere.
             box_to_local = block.box_to_index @ np.asarray(f.index_to_local, float)
             corner = np.array(voxels.corners[key], float)
-            cells = ()
+            more = {}
             if self._with_cells:
-                cells = (size - 1.0) / block.cells[1], np.array(voxels.cell_corners[key], float)
-            self.placements[path] = Placement(
-                (size - 1.0) / atlas, (corner + 0.5) / atlas, block.scale, box_to_local, *cells
-            )
+                more["cell_edge"] = block.cells[1]
+                more["cells_scale"] = block.intervals / block.cells[1]
+                more["cells_offset"] = np.array(voxels.cell_corners[key], float)
+            if voxels.bricks is not None:
+                more["bricks_offset"] = np.array(voxels.brick_corners[key], float)
+            span = size - 1.0
+            if (bricks := block.bricks) is not None:
+                span = np.full(3, float(bricks.edge))
+                more["bricks_scale"] = bricks.intervals / bricks.edge
+                more["bricks_shift"], more["background"] = bricks.shift, bricks.background
+            scale, offset = span / atlas, (corner + 0.5) / atlas
+            self.placements[path] = Placement(scale, offset, block.scale, box_to_local, **more)
 
     def _upload(self, blocks: dict[Hashable, PackedField], limit: int) -> None:
         voxels = self._voxels
@@ -191,21 +233,28 @@ class FieldAtlas:
         keys = list(blocks)
         voxels.texture, corners = self._packed_texture([self._shaped(blocks[k]) for k in keys], limit)
         voxels.texture.filter = LINEAR
-        voxels.blocks, voxels.serial = blocks, next(_serials)
+        voxels.serial = next(_serials)
         voxels.corners = dict(zip(keys, corners, strict=True))
         if self._with_cells:
             voxels.cells, corners = self._packed_texture([blocks[k].cells[0] for k in keys], limit)
             voxels.cells.filter = NEAREST
             voxels.cell_corners = dict(zip(keys, corners, strict=True))
+        if any(b.bricks is not None for b in blocks.values()):
+            one = np.zeros((1, 1, 1), np.uint32)
+            tables = [b.bricks.table if b.bricks is not None else one for b in blocks.values()]
+            voxels.bricks, corners = self._packed_texture(tables, limit, "u4")
+            voxels.bricks.filter = NEAREST
+            voxels.brick_corners = dict(zip(keys, corners, strict=True))
+        voxels.blocks = {k: b if b.nbytes <= LARGE_BLOCK else _hollow(b) for k, b in blocks.items()}
 
     def _packed_texture(
-        self, blocks: Sequence[np.ndarray], limit: int
+        self, blocks: Sequence[np.ndarray], limit: int, dtype: str = "f2"
     ) -> tuple[moderngl.Texture3D, list[tuple[int, int, int]]]:
         """One texture of several blocks (z, y, x[, components]), and where each of them begins."""
         sizes = [tuple(reversed(b.shape[:3])) for b in blocks]
         components = blocks[0].shape[3] if blocks[0].ndim == 4 else 1
         size, corners = pack_boxes(sizes, limit)
-        texture = self._context.texture3d(size, components, blocks[0] if len(blocks) == 1 else None, dtype="f2")
+        texture = self._context.texture3d(size, components, blocks[0] if len(blocks) == 1 else None, dtype=dtype)
         if len(blocks) > 1:
             for block, box, corner in zip(blocks, sizes, corners, strict=True):
                 texture.write(block, viewport=(*corner, *box))

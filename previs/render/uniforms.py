@@ -24,7 +24,7 @@ BLOCKS = {
     "Emissions": EMISSIONS_BINDING,
 }
 
-_VOLUME_ROWS = 12
+_VOLUME_ROWS = 15
 _LIGHT_ROWS = 14
 _LIGHT_MAP_ROWS = 7
 _EMISSION_ROWS = 12
@@ -73,6 +73,8 @@ def pack_volumes(plan: Plan, placements: dict[str, Placement]) -> bytes:
             placement = placements[volume.path]
             row[4], row[5] = placement.scale_row(), placement.offset_row()
             row[10, :3], row[11, :3] = placement.cells_scale, placement.cells_offset
+            row[10, 3] = placement.cell_edge
+            row[12:15] = placement.brick_rows()
             shape = _SHAPE_GRID
         else:
             shape = {"Box": _SHAPE_BOX, "Sphere": _SHAPE_SPHERE, "Capsule": _SHAPE_CAPSULE}[type(volume.shape).__name__]

@@ -9,8 +9,11 @@ struct Volume {
     vec4 albedo;         // rgb; w: SHAPE_*
     vec4 phase;          // anisotropy, second anisotropy, lobe mix, PHASE_*
     vec4 emission;       // emitted radiance rgb; w: half height of a capsule in radii
-    vec4 cells_scale;    // box -> cells of the density field
+    vec4 cells_scale;    // box -> cells of the density field; w: voxels along a cell
     vec4 cells_offset;   // first texel of the field's cells
+    vec4 bricks_scale;   // see field.glsl
+    vec4 bricks_shift;
+    vec4 bricks_offset;
 };
 
 const int SHAPE_GRID = 0;
@@ -22,7 +25,8 @@ const int SHAPE_CAPSULE = 3;
 layout(std140) uniform Volumes { Volume volumes[VOLUME_COUNT]; };
 
 #if HAS_GRIDS
-uniform sampler3D density_atlas;
+#include "include/field.glsl"
+
 uniform sampler3D density_cells;  // positive: largest density in a cell / atlas_scale.w; negative: minus the distance to the next such
 #endif
 
@@ -100,14 +104,19 @@ float density_at(int v, vec3 position) {
 #if HAS_GRIDS
     if (is_grid(v)) {
         vec3 box = clamp((volumes[v].world_to_box * vec4(position, 1.0)).xyz, 0.0, 1.0);
-        return texture(density_atlas, box * volumes[v].atlas_scale.xyz + volumes[v].atlas_offset.xyz).r
-            * volumes[v].atlas_scale.w;
+        return field_density(box, volumes[v].atlas_scale, volumes[v].atlas_offset.xyz, volumes[v].bricks_scale,
+                             volumes[v].bricks_shift.xyz, volumes[v].bricks_offset.xyz);
     }
 #endif
     return 1.0;
 }
 
 #if HAS_GRIDS
+// Intervals between voxels that the box of grid v spans.
+vec3 voxel_intervals(int v) {
+    return volumes[v].cells_scale.xyz * volumes[v].cells_scale.w;
+}
+
 // What is known of the density of grid v in one of its cells, given in cells from the corner of the box. Positive: no density in it has
 // a larger magnitude. Negative: it is empty, and so are all cells that are fewer than so many cells away along every axis.
 float density_cell(int v, vec3 cell) {

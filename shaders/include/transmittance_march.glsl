@@ -7,10 +7,9 @@ vec2 interval_towards_light(int i, int v, vec3 position, vec3 travel);
 // Integral of the density over a ray's interval, cell by cell: trilinear voxels are a cubic along a ray inside a cell, for which
 // Simpson's rule is exact.
 float density_integral(int v, vec3 origin, vec3 direction, vec2 span) {
-    vec3 size = vec3(textureSize(density_atlas, 0));
-    vec3 o = ((volumes[v].world_to_box * vec4(origin, 1.0)).xyz * volumes[v].atlas_scale.xyz + volumes[v].atlas_offset.xyz)
-        * size - 0.5;
-    vec3 d = (mat3(volumes[v].world_to_box) * direction) * volumes[v].atlas_scale.xyz * size;
+    vec3 intervals = voxel_intervals(v);
+    vec3 o = (volumes[v].world_to_box * vec4(origin, 1.0)).xyz * intervals;
+    vec3 d = (mat3(volumes[v].world_to_box) * direction) * intervals;
     d = mix(d, vec3(1e-20), lessThan(abs(d), vec3(1e-20)));
     vec3 forward = sign(d);
     vec3 start = o + span.x * d;

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from ..fields import SPARSE_ROLES
 from ..frame import Frame
 from ..planned import PlannedPass
 
@@ -13,8 +14,10 @@ def run_fields(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     volumes = planned.payload
     memory = frame.plan.settings.field_memory * 2**20
     limit = frame.plan.limits.texture_3d_size
-    for atlas, role in ((frame.density, "density"), (frame.temperature, "temperature"), (frame.emission, "emission")):
+    atlases = {"density": frame.density, "temperature": frame.temperature, "emission": frame.emission}
+    for role, atlas in atlases.items():
+        sparse = frame.plan.settings.sparse if role in SPARSE_ROLES else "off"
         fields = {v.path: getattr(v, role) for v in volumes}
-        atlas.update({p: f for p, f in fields.items() if f is not None and f.grid.active_count}, memory, limit)
+        atlas.update({p: f for p, f in fields.items() if f is not None and f.grid.active_count}, memory, limit, sparse)
     frame.forget_placements()
     yield 1.0

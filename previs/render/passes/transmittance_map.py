@@ -30,7 +30,9 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
         "transmittance_map.frag",
         **method_of(settings).defines(settings),
         SECOND_MARCH_STEPS=SECOND_MARCH_STEPS,
+        HAS_SPARSE=plan.defines["HAS_SPARSE"],
     )
+    bricks = placement.brick_rows()
     box_to_world = placement.box_to_local @ np.asarray(volume.local_to_world, float)
     box_to_world = np.array(box_to_world)
     box_to_world[3, :3] -= fit.centre
@@ -44,6 +46,7 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
                 centre_to_box=np.ascontiguousarray(np.linalg.inv(box_to_world), np.float32).tobytes(),
                 atlas_scale=placement.scale_row(),
                 atlas_offset=tuple(placement.offset),
+                **dict(zip(("bricks_scale", "bricks_shift", "bricks_offset"), map(tuple, bricks), strict=True)),
                 map_kind=MAP_KINDS_NUMBERS[fit.kind],
                 ray_origin=np.asarray(fit.ray_origin, np.float32).tobytes(),
                 ray_direction=np.asarray(fit.ray_direction, np.float32).tobytes(),
@@ -54,7 +57,7 @@ def run_transmittance_map(frame: Frame, planned: PlannedPass) -> Iterator[float]
                 begin_depth=BEGIN_DEPTH / item.weighting,
                 step_length=step_length(volume, frame.density.placements, settings.light_steps),
             )
-            frame.bind(density_atlas=frame.density.texture)
+            frame.bind_density(program)
             frame.context.enable_only(moderngl.NOTHING)
             framebuffer.viewport = (left, bottom, plan.map_size, plan.map_size)
             x, y, width, height = piece.scissor or (0, 0, plan.map_size, plan.map_size)

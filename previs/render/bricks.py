@@ -1,0 +1,373 @@
+"""Sparse fields in bricks: what is not background is stored in cubes of voxels, found through a table.
+
+A brick of edge B covers B intervals between voxels along each axis and is read from (B + 1)³ texels: the last layer of
+each axis is the first of the next brick, so that the trilinear filter of the texture unit is exact inside a brick.
+Bricks lie on multiples of B in index space, as the leaves of a grid lie on multiples of 8. A brick that is all
+background is not stored; those inside large tiles of one value share one.
+
+The dense array is never made: leaves are taken a batch at a time.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import weakref
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from ..description import SparseGrid
+from .brick_layout import Layout, lay_out
+from .cells import cell_counts, cell_edge, with_distances
+
+#: Edges that bricks may have, in voxels.
+EDGES = (8, 16, 32)
+#: Bytes of a brick's entry in the table.
+ENTRY_BYTES = 4
+#: Entries of a table at the most.
+MOST_ENTRIES = 2**26
+#: The entry where no brick is stored; else where it begins: 11 bits along x, 11 along y, 10 along z.
+NO_BRICK = 0xFFFFFFFF
+
+_LEAF = 8
+_PART = 4  # edge of the parts of a leaf whose majorants are told apart
+_BATCH = 4096  # leaves taken at a time
+_MAGNITUDE = np.uint16(0x7FFF)
+_SIDES = tuple(itertools.product((0, 1), repeat=3))
+
+
+@dataclass(frozen=True, eq=False)
+class Bricks:
+    """How the texels of a block of bricks are found.
+
+    `table` is uint32 of shape (z, y, x): the texel at which the brick begins, or `NO_BRICK`. The box of the field spans
+    `intervals` (3,) intervals between voxels along x, y, z; box coordinate b is ``b · intervals / edge + shift`` bricks
+    from the first of the table. `background` is the value, relative to the field's scale, where no brick is stored.
+    """
+
+    edge: int
+    table: np.ndarray
+    intervals: np.ndarray
+    shift: np.ndarray
+    background: float
+
+
+class BrickedBlock(NamedTuple):
+    """A block of bricks, float16 (z, y, x); how they are found; the cells of the field and their edge."""
+
+    values: np.ndarray
+    bricks: Bricks
+    cells: tuple[np.ndarray, int]
+
+
+class _Shared(NamedTuple):
+    """Bricks [x, y, z] from `first` up to and without `end` of the table, all of one value."""
+
+    first: np.ndarray
+    end: np.ndarray
+    value: np.float16
+
+
+class _Wanted(NamedTuple):
+    """The bricks of one edge: where those with voxels of their own are in the flattened table (z, y, x), and those
+    that share one."""
+
+    places: np.ndarray
+    shared: list[_Shared]
+
+
+class Occupancy:
+    """What a scalar grid needs to be held in bricks: its peak, and which bricks there are of each edge.
+
+    `lo` and `hi` are the box that is held, both ends included: the active one and a voxel around it. Values are
+    relative to `scale`, and `background` is one of them.
+
+    Args:
+        grid: of finite values and at least one active voxel.
+    """
+
+    def __init__(self, grid: SparseGrid) -> None:
+        lo, hi = (np.asarray(b, np.int64) for b in grid.bounds)
+        self.lo, self.hi = lo - 1, hi + 1
+        self.scale = value_scale(grid)
+        self.background = self._half(np.asarray(grid.background, grid.leaf_values.dtype))
+        self._wanted = self._find(grid)
+        self._layouts: dict[tuple[int, int], Layout | None] = {}
+
+    def first(self, edge: int) -> np.ndarray:
+        """The first brick of the table along x, y, z, in bricks from index 0."""
+        return self.lo // edge
+
+    def counts(self, edge: int) -> np.ndarray:
+        """Bricks of the table along x, y, z."""
+        return (self.hi - 1) // edge - self.first(edge) + 1
+
+    def layout(self, edge: int, texture_limit: int) -> Layout | None:
+        """Where the bricks are in the block: those with voxels of their own, then one for each value that is shared.
+        None where the largest texture does not hold it or the table."""
+        key = edge, texture_limit
+        if key not in self._layouts:
+            found, counts = None, self.counts(edge)
+            if counts.max() <= texture_limit:
+                places, shared = self._wanted[edge]
+                x, y = places % counts[0], places // counts[0] % counts[1]
+                bricks = np.stack([x, y, places // (counts[0] * counts[1])], axis=1)
+                # Apart from all others, so that they are joined to none.
+                apart = [(0, counts[1] + 8 * (i + 1), 0) for i in range(len({s.value for s in shared}))]
+                found = lay_out(np.concatenate([bricks, np.reshape(apart, (-1, 3)).astype(int)]), edge, texture_limit)
+            self._layouts[key] = found
+        return self._layouts[key]
+
+    def nbytes(self, edge: int, texture_limit: int) -> float:
+        """Bytes of the block of bricks and of their table; infinite where the largest texture does not hold them."""
+        layout = self.layout(edge, texture_limit)
+        if layout is None:
+            return np.inf
+        return layout.texels * 2 + int(np.prod(self.counts(edge))) * ENTRY_BYTES
+
+    def best(self, texture_limit: int) -> tuple[float, int]:
+        """(bytes, edge) of the bricks that take the fewest bytes; infinite where no texture holds any."""
+        return min(((self.nbytes(e, texture_limit), e) for e in self._wanted), default=(np.inf, 0))
+
+    def pack(self, grid: SparseGrid, edge: int, texture_limit: int) -> BrickedBlock:
+        """Copy the values of a grid into bricks."""
+        places, shared = self._wanted[edge]
+        layout = self.layout(edge, texture_limit)
+        assert layout is not None
+        origins = layout.origins
+        block = np.zeros(tuple(reversed(layout.size)), np.float16)
+        if self.background != 0.0:
+            block[...] = self.background
+        entries = (origins @ (1, 1 << 11, 1 << 22)).astype(np.uint32)
+        table = np.full(tuple(reversed(self.counts(edge))), NO_BRICK, np.uint32)
+        table.reshape(-1)[places] = entries[: len(places)]
+        values = sorted({s.value for s in shared})
+        for value, (x, y, z) in zip(values, origins[len(places) :], strict=True):
+            block[z : z + edge + 1, y : y + edge + 1, x : x + edge + 1] = value
+        for first, end, value in shared:
+            box = tuple(slice(a, b) for a, b in zip(reversed(first), reversed(end), strict=True))
+            table[box] = entries[len(places) + values.index(value)]
+        cells = _CellsOfLeaves(self)
+        for leaves, halves in self._halves(grid):
+            cells.add(leaves, halves)
+            self._copy(leaves, halves, edge, places, origins, block)
+        for origin, size, value in self._large_tiles(grid):
+            half = self._half(value)
+            cells.add_tile(origin, size, half)
+            for leaves in _shell(origin, size, edge, self.lo, self.hi):
+                halves = np.broadcast_to(half, (len(leaves), _LEAF, _LEAF, _LEAF))
+                self._copy(leaves, halves, edge, places, origins, block)
+        bricks = Bricks(
+            edge,
+            table,
+            (self.hi - self.lo).astype(float),
+            (self.lo - self.first(edge) * edge) / edge,
+            float(self.background),
+        )
+        return BrickedBlock(block, bricks, cells.result())
+
+    def _half(self, values: np.ndarray) -> np.ndarray:
+        values = np.asarray(values)
+        if values.dtype.kind != "f":
+            values = values.astype(np.float32)
+        if self.scale != 1.0:
+            values = values / values.dtype.type(self.scale)
+        return values.astype(np.float16)
+
+    def _leaves(self, grid: SparseGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Origins (n, 3) and values (n, 8, 8, 8) [x, y, z], also of tiles of that size, with background outside the
+        box."""
+        for tiles in (grid.inactive_tiles, grid.tiles):
+            small = tiles.size == _LEAF
+            values = tiles.value[small][:, None, None, None]
+            yield from self._clipped(grid, tiles.origin[small], np.broadcast_to(values, (len(values), 8, 8, 8)))
+        yield from self._clipped(grid, grid.leaf_origins, grid.leaf_values)
+
+    def _clipped(
+        self, grid: SparseGrid, origins: np.ndarray, values: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        steps = np.arange(_LEAF)
+        for first in range(0, len(origins), _BATCH):
+            part, held = origins[first : first + _BATCH].astype(np.int64), values[first : first + _BATCH]
+            touching = ((part <= self.hi) & (part + _LEAF > self.lo)).all(axis=1)
+            if not touching.all():
+                part, held = part[touching], held[touching]
+            cut = np.flatnonzero(((part < self.lo) | (part + _LEAF - 1 > self.hi)).any(axis=1))
+            if len(cut):
+                held = np.array(held)
+                at = part[cut][:, :, None] + steps
+                inside = (at >= self.lo[:, None]) & (at <= self.hi[:, None])
+                inside = inside[:, 0, :, None, None] & inside[:, 1, None, :, None] & inside[:, 2, None, None, :]
+                held[cut] = np.where(inside, held[cut], np.asarray(grid.background, held.dtype))
+            if len(part):
+                yield part, held
+
+    def _halves(self, grid: SparseGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """The leaves as half floats relative to the scale, without those that are all background."""
+        for origins, values in self._leaves(grid):
+            yield origins, self._half(values)
+
+    def _large_tiles(self, grid: SparseGrid) -> Iterator[tuple[np.ndarray, int, np.generic]]:
+        """Origin, size and value of the tiles larger than a leaf that reach into the box."""
+        for tiles in (grid.inactive_tiles, grid.tiles):
+            origins, sizes = tiles.origin.astype(np.int64), tiles.size.astype(np.int64)
+            inside = ((origins <= self.hi) & (origins + sizes[:, None] > self.lo)).all(axis=1)
+            for i in np.flatnonzero(inside & (sizes > _LEAF)):
+                yield origins[i], int(sizes[i]), tiles.value[i]
+
+    def _find(self, grid: SparseGrid) -> dict[int, _Wanted]:
+        edges = [e for e in EDGES if int(np.prod(self.counts(e))) <= MOST_ENTRIES]
+        filled = {e: np.zeros(tuple(self.counts(e)), bool) for e in edges}
+        ground = self.background.view(np.uint16)
+        for origins, halves in self._halves(grid):
+            bits = halves.view(np.uint16)
+            differs = (bits & _MAGNITUDE) != 0 if self.background == 0.0 else bits != ground
+            # Eight truth values at once: the voxels along z, of which the first are the lowest byte.
+            rows = np.ascontiguousarray(differs).view("<u8")[..., 0]
+            for side in _SIDES:
+                # A brick repeats the first layer of the next: what is in a leaf's first layer is in both.
+                found = rows[:, 0] if side[0] else np.bitwise_or.reduce(rows, axis=1)
+                found = found[:, 0] if side[1] else np.bitwise_or.reduce(found, axis=1)
+                found = (found & np.uint64(0xFF) if side[2] else found) != 0
+                for edge in edges:
+                    _mark(filled[edge], origins[found], edge, side, self.first(edge))
+        shared: dict[int, list[_Shared]] = {e: [] for e in edges}
+        for origin, size, value in self._large_tiles(grid):
+            half = self._half(value)
+            if half == self.background:
+                continue
+            for edge in edges:
+                most = self.counts(edge)
+                first = np.clip(origin // edge - self.first(edge), 0, most)
+                before = np.clip(origin // edge - self.first(edge) - 1, 0, most)
+                end = np.clip((origin + size) // edge - self.first(edge), 0, most)
+                last = np.clip((origin + size) // edge - self.first(edge) - 1, 0, most)
+                filled[edge][tuple(slice(a, b) for a, b in zip(before, end, strict=True))] = True
+                if (first < last).all():
+                    shared[edge].append(_Shared(first, last, half))
+        for edge in edges:
+            for first, end, _ in shared[edge]:
+                filled[edge][tuple(slice(a, b) for a, b in zip(first, end, strict=True))] = False
+        return {e: _Wanted(np.flatnonzero(filled[e].transpose(2, 1, 0)), shared[e]) for e in edges}
+
+    def _copy(self, leaves, halves, edge: int, places, origins, block: np.ndarray) -> None:
+        """Put leaves into the bricks that hold them, and their first layers into the bricks before."""
+        if not len(places):
+            return
+        counts, first, inset = self.counts(edge), self.first(edge), leaves % edge
+        for side in _SIDES:
+            held = np.flatnonzero((inset[:, np.array(side, bool)] == 0).all(axis=1))
+            brick = leaves[held] // edge - first - side
+            inside = ((brick >= 0) & (brick < counts)).all(axis=1)
+            held, brick = held[inside], brick[inside]
+            place = (brick[:, 2] * counts[1] + brick[:, 1]) * counts[0] + brick[:, 0]
+            number = np.minimum(np.searchsorted(places, place), len(places) - 1)
+            stored = places[number] == place
+            held, number = held[stored], number[stored]
+            x, y, z = (origins[number] + np.where(side, edge, inset[held])).T
+            # Voxels [x, y, z] to texels [z, y, x].
+            layers = sliding_window_view(block, [1 if s else _LEAF for s in reversed(side)], writeable=True)
+            part = halves[(held, *(slice(0, 1) if s else slice(None) for s in side))]
+            layers[z, y, x] = part.transpose(0, 3, 2, 1)
+
+
+def value_scale(grid: SparseGrid) -> float:
+    """What the values of a grid are stored relative to, so that densities far outside the range of a half float keep
+    their precision: the largest magnitude; 1 where that is nothing to divide by."""
+    held = (grid.background, grid.leaf_values, grid.tiles.value, grid.inactive_tiles.value)
+    filled = [a for a in map(np.asarray, held) if a.size]
+    peak = max((max(float(a.max()), -float(a.min())) for a in filled), default=0.0)
+    return peak if peak > 0.0 and np.isfinite(peak) else 1.0
+
+
+def _mark(filled: np.ndarray, origins: np.ndarray, edge: int, side: tuple[int, ...], first: np.ndarray) -> None:
+    """Mark the bricks that leaves lie in, or those before them on the given sides where a brick begins with a leaf."""
+    for axis in range(3):
+        if side[axis]:
+            origins = origins[origins[:, axis] % edge == 0]
+    brick = origins // edge - first - side
+    held = ((brick >= 0) & (brick < filled.shape)).all(axis=1)
+    filled[tuple(brick[held].T)] = True
+
+
+def _shell(origin: np.ndarray, size: int, edge: int, lo: np.ndarray, hi: np.ndarray) -> Iterator[np.ndarray]:
+    """Origins of the leaves of a tile, inside the box, that are not in shared bricks alone; a layer at a time."""
+    begin, end = np.maximum(origin, lo // _LEAF * _LEAF), np.minimum(origin + size, hi + 1)
+    x, y, z = (np.arange(a, b, _LEAF) for a, b in zip(begin, end, strict=True))
+
+    def inner(at: np.ndarray, axis: int) -> np.ndarray:
+        brick = at // edge
+        return (brick > origin[axis] // edge) & (brick < (origin[axis] + size) // edge - 1)
+
+    plane = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    shared = inner(plane[:, 0], 0) & inner(plane[:, 1], 1)
+    for layer in z:
+        chosen = plane[~shared] if inner(np.asarray(layer), 2) else plane
+        for first in range(0, len(chosen), _BATCH):
+            part = chosen[first : first + _BATCH]
+            yield np.column_stack([part, np.full(len(part), layer)])
+
+
+class _CellsOfLeaves:
+    """The cells of a field, from its leaves: bounds, as a quarter of a leaf's edge is the finest that is looked at."""
+
+    def __init__(self, occupancy: Occupancy) -> None:
+        self._lo = occupancy.lo
+        size = tuple(int(n) for n in occupancy.hi - occupancy.lo + 1)
+        self._edge = cell_edge(size)
+        self._counts = np.array(cell_counts(size, self._edge))
+        ground = occupancy.background.view(np.uint16) & _MAGNITUDE
+        self._bits = np.full(tuple(reversed(self._counts)), ground, np.uint16)
+
+    def _span(self, first: np.ndarray, last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The cells, both ends included, that read any of the texels from first to last."""
+        low = (first - self._lo - 1) // self._edge
+        return np.clip(low, 0, self._counts - 1), np.clip((last - self._lo) // self._edge, 0, self._counts - 1)
+
+    def add(self, origins: np.ndarray, halves: np.ndarray) -> None:
+        """Take leaves into account."""
+        parts = _LEAF // _PART
+        bits = (halves.view(np.uint16) & _MAGNITUDE).reshape(-1, parts, _PART, parts, _PART, parts, _PART)
+        largest = bits.max(axis=6).max(axis=4).max(axis=2)
+        at = np.stack(np.meshgrid(*[np.arange(parts) * _PART] * 3, indexing="ij"), axis=-1)
+        first = (origins[:, None, None, None] + at).reshape(-1, 3)
+        largest = largest.reshape(-1)
+        chosen = largest > 0
+        first, largest = first[chosen], largest[chosen]
+        low, high = self._span(first, first + _PART - 1)
+        flat = self._bits.reshape(-1)
+        for side in _SIDES:
+            cell = np.where(side, high, low)
+            # Where both ends are one cell it is counted once.
+            once = ~((low == high) & np.array(side, bool)).any(axis=1)
+            place = (cell[once, 2] * self._counts[1] + cell[once, 1]) * self._counts[0] + cell[once, 0]
+            np.maximum.at(flat, place, largest[once])
+
+    def add_tile(self, origin: np.ndarray, size: int, value: np.float16) -> None:
+        """Take a tile into account."""
+        low, high = self._span(origin, origin + size - 1)
+        box = tuple(slice(a, b + 1) for a, b in zip(reversed(low), reversed(high), strict=True))
+        np.maximum(self._bits[box], value.view(np.uint16) & _MAGNITUDE, out=self._bits[box])
+
+    def result(self) -> tuple[np.ndarray, int]:
+        """The cells and their edge, as of a `PackedField`."""
+        return with_distances(self._bits.view(np.float16)), self._edge
+
+
+_lock = threading.Lock()
+_known: weakref.WeakKeyDictionary[SparseGrid, Occupancy] = weakref.WeakKeyDictionary()
+
+
+def occupancy(grid: SparseGrid) -> Occupancy:
+    """The occupancy of a grid, found once as long as the grid lives."""
+    with _lock:
+        found = _known.get(grid)
+    if found is None:
+        found = Occupancy(grid)
+        with _lock:
+            _known[grid] = found
+    return found
