@@ -157,7 +157,7 @@ class Medium:
         """σa = (1 − albedo) · σt."""
         return tuple(s * (1.0 - a) for s, a in zip(self.extinction, self.albedo, strict=True))
 
-    @property
+    @cached_property
     def strength(self) -> Color:
         """σt times the density scale: extinction per stage unit where the field's value is 1."""
         return tuple(s * self.density_scale for s in self.extinction)
@@ -394,12 +394,19 @@ class SceneDescription:
     up_axis: Literal["Y", "Z"] = "Y"
 
     def world_bounds(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """The world box (minimum, maximum) of volumes and meshes, or None when there are neither."""
+        """The world box (minimum, maximum) of volumes and meshes, or None when there are neither; found once."""
+        return self._world_bounds
+
+    @cached_property
+    def _world_bounds(self) -> tuple[np.ndarray, np.ndarray] | None:
         boxes = [volume_world_bounds(v) for v in self.volumes.values()]
         boxes += [b for m in self.meshes.values() if (b := mesh_world_bounds(m)) is not None]
         if not boxes:
             return None
-        return np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
+        lo, hi = np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
+        # Everybody gets the same arrays.
+        lo.flags.writeable = hi.flags.writeable = False
+        return lo, hi
 
     def bounds_of(self, path: str) -> tuple[np.ndarray, np.ndarray] | None:
         """The world box of the records at a prim path, its instances and what is below it.
@@ -439,9 +446,13 @@ def field_local_bounds(f: Field) -> tuple[np.ndarray, np.ndarray] | None:
     return np.asarray(lo, float) - 1.0, np.asarray(hi, float) + 1.0
 
 
+#: Which side of a box its corners lie on, along each axis.
+_CORNERS = np.array([[(i >> a) & 1 for a in range(3)] for i in range(8)], bool)
+
+
 def box_corners(lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
-    """The eight corners of a box, (8, 3)."""
-    return np.array([[(lo, hi)[(i >> a) & 1][a] for a in range(3)] for i in range(8)], float)
+    """The eight corners of a box, (8, 3): bit a of a corner's number is its side along axis a."""
+    return np.where(_CORNERS, np.asarray(hi, float), np.asarray(lo, float))
 
 
 def transform_points(points: np.ndarray, matrix: np.ndarray) -> np.ndarray:

@@ -167,3 +167,13 @@ def test_camera_key_is_of_the_view():
         {"projection": "orthographic"},
     ):
         assert camera_key(camera) != camera_key(replace(camera, **change))
+
+
+def test_bounds_of_a_scene_are_found_once_and_cannot_be_written_to():
+    volume = Volume("/Box", np.eye(4), shape=Box((-1.0, -2.0, -3.0), (1.0, 2.0, 3.0)))
+    description = SceneDescription(volumes={"/Box": volume})
+    lo, hi = description.world_bounds()
+    assert (lo.tolist(), hi.tolist()) == ([-1.0, -2.0, -3.0], [1.0, 2.0, 3.0])
+    assert description.world_bounds()[0] is lo
+    with pytest.raises(ValueError, match="read-only"):
+        hi += 1.0
