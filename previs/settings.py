@@ -218,7 +218,7 @@ TABLE: tuple[Setting, ...] = (
     ),
     Setting(
         "field_memory",
-        256,
+        512,
         "Memory for one field on the GPU; a larger field is reduced by a box filter, and said so.",
         ("fields",),
         minimum=1,

@@ -21,10 +21,14 @@ MOST_TEXELS = (2047, 2047, 1023)
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where each of the bricks begins in the block, (n, 3) texels along x, y, z, and the size of the block."""
+    """Where each of the bricks begins in the block, (n, 3) texels along x, y, z, and the size of the block.
+
+    No brick lies across one of the `cuts` along z, which begin with 0 and end with the depth of the block.
+    """
 
     origins: np.ndarray
     size: tuple[int, int, int]
+    cuts: tuple[int, ...]
 
     @property
     def texels(self) -> int:
@@ -54,7 +58,7 @@ def lay_out(bricks: np.ndarray, edge: int, texture_limit: int) -> Layout | None:
         None where no block of that size holds them.
     """
     if not len(bricks):
-        return Layout(np.zeros((0, 3), np.int64), (1, 1, 1))
+        return Layout(np.zeros((0, 3), np.int64), (1, 1, 1), (0, 1))
     found = [_lay_out(_join(bricks, sections), edge, texture_limit, len(bricks)) for sections in SECTIONS]
     return min((f for f in found if f is not None), key=lambda f: f.texels, default=None)
 
@@ -84,7 +88,7 @@ def _lay_out(bars: list[_Bars], edge: int, texture_limit: int, count: int) -> La
         return None
     _, width, height, depth, lines = best
     origins = np.zeros((count, 3), np.int64)
-    shelf = 0
+    shelf, cuts = 0, [0]
     for group, found in zip(bars, lines, strict=True):
         if not found:
             continue
@@ -116,7 +120,8 @@ def _lay_out(bars: list[_Bars], edge: int, texture_limit: int, count: int) -> La
                 x += length * edge + 1
             line += repeated
         shelf += -(-line // per_shelf) * side
-    return Layout(origins, (width, height, depth))
+        cuts += range(cuts[-1] + side, shelf + 1, side)
+    return Layout(origins, (width, height, depth), tuple(cuts))
 
 
 def _join(bricks: np.ndarray, sections: tuple[int, ...]) -> list[_Bars]:

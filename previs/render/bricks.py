@@ -56,14 +56,6 @@ class Bricks:
     background: float
 
 
-class BrickedBlock(NamedTuple):
-    """A block of bricks, float16 (z, y, x); how they are found; the cells of the field and their edge."""
-
-    values: np.ndarray
-    bricks: Bricks
-    cells: tuple[np.ndarray, int]
-
-
 class _Shared(NamedTuple):
     """Bricks [x, y, z] from `first` up to and without `end` of the table, all of one value."""
 
@@ -133,42 +125,62 @@ class Occupancy:
         """(bytes, edge) of the bricks that take the fewest bytes; infinite where no texture holds any."""
         return min(((self.nbytes(e, texture_limit), e) for e in self._wanted), default=(np.inf, 0))
 
-    def pack(self, grid: SparseGrid, edge: int, texture_limit: int) -> BrickedBlock:
-        """Copy the values of a grid into bricks."""
+    def find(self, grid: SparseGrid, edge: int, texture_limit: int) -> tuple[Bricks, tuple[np.ndarray, int]]:
+        """How bricks of that edge are found; and the cells of the field with their edge."""
         places, shared = self._wanted[edge]
-        layout = self.layout(edge, texture_limit)
-        assert layout is not None
-        origins = layout.origins
-        block = np.zeros(tuple(reversed(layout.size)), np.float16)
-        if self.background != 0.0:
-            block[...] = self.background
+        origins = self._held_layout(edge, texture_limit).origins
         entries = (origins @ (1, 1 << 11, 1 << 22)).astype(np.uint32)
         table = np.full(tuple(reversed(self.counts(edge))), NO_BRICK, np.uint32)
         table.reshape(-1)[places] = entries[: len(places)]
         values = sorted({s.value for s in shared})
-        for value, (x, y, z) in zip(values, origins[len(places) :], strict=True):
-            block[z : z + edge + 1, y : y + edge + 1, x : x + edge + 1] = value
         for first, end, value in shared:
             box = tuple(slice(a, b) for a, b in zip(reversed(first), reversed(end), strict=True))
             table[box] = entries[len(places) + values.index(value)]
         cells = _CellsOfLeaves(self)
-        for leaves, halves in self._halves(grid):
-            cells.add(leaves, halves)
-            self._copy(leaves, halves, edge, places, origins, block)
+        for leaves, held in self._leaves(grid):
+            cells.add(leaves, held)
         for origin, size, value in self._large_tiles(grid):
-            half = self._half(value)
-            cells.add_tile(origin, size, half)
+            cells.add_tile(origin, size, self._half(value))
+        intervals = (self.hi - self.lo).astype(float)
+        shift = (self.lo - self.first(edge) * edge) / edge
+        return Bricks(edge, table, intervals, shift, float(self.background)), cells.result()
+
+    def block(self, grid: SparseGrid, edge: int, texture_limit: int) -> np.ndarray:
+        """The block of bricks, float16 (z, y, x)."""
+        layout = self._held_layout(edge, texture_limit)
+        return self._slab(grid, edge, layout, 0, layout.size[2])
+
+    def slabs(self, grid: SparseGrid, edge: int, texture_limit: int, memory: int) -> Iterator[tuple[int, np.ndarray]]:
+        """The block in parts of about so many bytes, each with the layer along z at which it begins."""
+        layout = self._held_layout(edge, texture_limit)
+        layer, begin = layout.size[0] * layout.size[1] * 2, 0
+        for cut, after in zip(layout.cuts[1:], (*layout.cuts[2:], None), strict=True):
+            if after is None or (after - begin) * layer > memory:
+                yield begin, self._slab(grid, edge, layout, begin, cut)
+                begin = cut
+
+    def _held_layout(self, edge: int, texture_limit: int) -> Layout:
+        layout = self.layout(edge, texture_limit)
+        assert layout is not None
+        return layout
+
+    def _slab(self, grid: SparseGrid, edge: int, layout: Layout, begin: int, end: int) -> np.ndarray:
+        places, shared = self._wanted[edge]
+        block = np.zeros((end - begin, layout.size[1], layout.size[0]), np.float16)
+        if self.background != 0.0:
+            block[...] = self.background
+        origins = layout.origins - (0, 0, begin)
+        values = sorted({s.value for s in shared})
+        for value, (x, y, z) in zip(values, origins[len(places) :], strict=True):
+            if 0 <= z < end - begin:
+                block[z : z + edge + 1, y : y + edge + 1, x : x + edge + 1] = value
+        for leaves, held in self._leaves(grid):
+            self._copy(leaves, held, edge, places, origins, block)
+        for origin, size, value in self._large_tiles(grid):
             for leaves in _shell(origin, size, edge, self.lo, self.hi):
-                halves = np.broadcast_to(half, (len(leaves), _LEAF, _LEAF, _LEAF))
-                self._copy(leaves, halves, edge, places, origins, block)
-        bricks = Bricks(
-            edge,
-            table,
-            (self.hi - self.lo).astype(float),
-            (self.lo - self.first(edge) * edge) / edge,
-            float(self.background),
-        )
-        return BrickedBlock(block, bricks, cells.result())
+                held = np.broadcast_to(value, (len(leaves), _LEAF, _LEAF, _LEAF))
+                self._copy(leaves, held, edge, places, origins, block)
+        return block
 
     def _half(self, values: np.ndarray) -> np.ndarray:
         values = np.asarray(values)
@@ -206,11 +218,6 @@ class Occupancy:
             if len(part):
                 yield part, held
 
-    def _halves(self, grid: SparseGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """The leaves as half floats relative to the scale, without those that are all background."""
-        for origins, values in self._leaves(grid):
-            yield origins, self._half(values)
-
     def _large_tiles(self, grid: SparseGrid) -> Iterator[tuple[np.ndarray, int, np.generic]]:
         """Origin, size and value of the tiles larger than a leaf that reach into the box."""
         for tiles in (grid.inactive_tiles, grid.tiles):
@@ -223,8 +230,8 @@ class Occupancy:
         edges = [e for e in EDGES if int(np.prod(self.counts(e))) <= MOST_ENTRIES]
         filled = {e: np.zeros(tuple(self.counts(e)), bool) for e in edges}
         ground = self.background.view(np.uint16)
-        for origins, halves in self._halves(grid):
-            bits = halves.view(np.uint16)
+        for origins, values in self._leaves(grid):
+            bits = self._half(values).view(np.uint16)
             differs = (bits & _MAGNITUDE) != 0 if self.background == 0.0 else bits != ground
             # Eight truth values at once: the voxels along z, of which the first are the lowest byte.
             rows = np.ascontiguousarray(differs).view("<u8")[..., 0]
@@ -254,11 +261,13 @@ class Occupancy:
                 filled[edge][tuple(slice(a, b) for a, b in zip(first, end, strict=True))] = False
         return {e: _Wanted(np.flatnonzero(filled[e].transpose(2, 1, 0)), shared[e]) for e in edges}
 
-    def _copy(self, leaves, halves, edge: int, places, origins, block: np.ndarray) -> None:
-        """Put leaves into the bricks that hold them, and their first layers into the bricks before."""
+    def _copy(self, leaves, values, edge: int, places, origins, block: np.ndarray) -> None:
+        """Put leaves into the bricks that hold them, and their first layers into the bricks before, as far as these are
+        in the block."""
         if not len(places):
             return
         counts, first, inset = self.counts(edge), self.first(edge), leaves % edge
+        targets = []
         for side in _SIDES:
             held = np.flatnonzero((inset[:, np.array(side, bool)] == 0).all(axis=1))
             brick = leaves[held] // edge - first - side
@@ -266,13 +275,22 @@ class Occupancy:
             held, brick = held[inside], brick[inside]
             place = (brick[:, 2] * counts[1] + brick[:, 1]) * counts[0] + brick[:, 0]
             number = np.minimum(np.searchsorted(places, place), len(places) - 1)
-            stored = places[number] == place
-            held, number = held[stored], number[stored]
-            x, y, z = (origins[number] + np.where(side, edge, inset[held])).T
-            # Voxels [x, y, z] to texels [z, y, x].
+            begin = origins[number, 2]
+            chosen = (places[number] == place) & (begin >= 0) & (begin < len(block))
+            held, number = held[chosen], number[chosen]
+            targets.append((side, held, origins[number] + np.where(side, edge, inset[held])))
+        needed = np.zeros(len(leaves), bool)
+        for _, held, _ in targets:
+            needed[held] = True
+        if not needed.any():
+            return
+        # Voxels [x, y, z] to texels [z, y, x].
+        halves = self._half(values if needed.all() else values[needed]).transpose(0, 3, 2, 1)
+        numbers = np.cumsum(needed) - 1
+        for side, held, at in targets:
             layers = sliding_window_view(block, [1 if s else _LEAF for s in reversed(side)], writeable=True)
-            part = halves[(held, *(slice(0, 1) if s else slice(None) for s in side))]
-            layers[z, y, x] = part.transpose(0, 3, 2, 1)
+            part = [slice(0, 1) if s else slice(None) for s in reversed(side)]
+            layers[at[:, 2], at[:, 1], at[:, 0]] = halves[(numbers[held], *part)]
 
 
 def value_scale(grid: SparseGrid) -> float:
@@ -316,7 +334,7 @@ class _CellsOfLeaves:
     """The cells of a field, from its leaves: bounds, as a quarter of a leaf's edge is the finest that is looked at."""
 
     def __init__(self, occupancy: Occupancy) -> None:
-        self._lo = occupancy.lo
+        self._lo, self._half = occupancy.lo, occupancy._half
         size = tuple(int(n) for n in occupancy.hi - occupancy.lo + 1)
         self._edge = cell_edge(size)
         self._counts = np.array(cell_counts(size, self._edge))
@@ -328,13 +346,17 @@ class _CellsOfLeaves:
         low = (first - self._lo - 1) // self._edge
         return np.clip(low, 0, self._counts - 1), np.clip((last - self._lo) // self._edge, 0, self._counts - 1)
 
-    def add(self, origins: np.ndarray, halves: np.ndarray) -> None:
+    def add(self, origins: np.ndarray, values: np.ndarray) -> None:
         """Take leaves into account."""
         parts = _LEAF // _PART
-        bits = (halves.view(np.uint16) & _MAGNITUDE).reshape(-1, parts, _PART, parts, _PART, parts, _PART)
-        largest = bits.max(axis=6).max(axis=4).max(axis=2)
+        split = values.reshape(-1, parts, _PART, parts, _PART, parts * _PART)
+        # Along the two outer axes first, where many are compared at a time.
+        high, low = (f(f(split, axis=2), axis=3).reshape(-1, parts, parts, parts, _PART) for f in (np.max, np.min))
+        magnitude = np.maximum(np.abs(high.max(axis=4)), np.abs(low.min(axis=4)))
         at = np.stack(np.meshgrid(*[np.arange(parts) * _PART] * 3, indexing="ij"), axis=-1)
         first = (origins[:, None, None, None] + at).reshape(-1, 3)
+        # Rounding keeps the order, so this is the largest of the rounded magnitudes.
+        largest = self._half(magnitude).view(np.uint16)
         largest = largest.reshape(-1)
         chosen = largest > 0
         first, largest = first[chosen], largest[chosen]

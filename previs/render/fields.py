@@ -8,9 +8,10 @@ trilinear filter of the texture unit gives the field as it is defined and nothin
 from __future__ import annotations
 
 import dataclasses
+import functools
 import threading
 from collections import OrderedDict
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -42,7 +43,8 @@ class PackedField:
     ``values · scale``. `box_to_index` is 4×4 and maps the unit box, whose corners are the centres of the corner
     voxels of the field, to the grid's index space. `reduction` is the edge of the cube of voxels averaged into
     one (1: none). Where there are `bricks` the block holds them, and else the voxels of the box as they lie in it.
-    `given_cells` are the cells, where they were found without the box's voxels.
+    `given_cells` are the cells, where they were found without the box's voxels. Where there are `slabs`, `values` tells
+    no more than the shape: they give the values a few layers along z at a time, each with the first of its layers.
     """
 
     values: np.ndarray
@@ -51,6 +53,7 @@ class PackedField:
     reduction: int
     bricks: Bricks | None = None
     given_cells: tuple[np.ndarray, int] | None = None
+    slabs: Callable[[], Iterator[tuple[int, np.ndarray]]] | None = None
 
     @property
     def size(self) -> tuple[int, int, int]:
@@ -170,9 +173,17 @@ def pack(
     factor = held.reduction
     if held.edge:
         found = occupancy(grid)
-        block = found.pack(grid, held.edge, texture_limit)
-        to_index = _box_to_index(lo - 1, block.bricks.intervals, 1)
-        return PackedField(block.values, found.scale, to_index, 1, block.bricks, block.cells)
+        bricks, cells = found.find(grid, held.edge, texture_limit)
+        to_index = _box_to_index(lo - 1, bricks.intervals, 1)
+        values, slabs = None, None
+        if held.nbytes > LARGE_BLOCK:
+            # Converted when it is uploaded, a part at a time.
+            shape = tuple(reversed(found.layout(held.edge, texture_limit).size))
+            values = np.broadcast_to(np.float16(0.0), shape)
+            slabs = functools.partial(found.slabs, grid, held.edge, texture_limit, LARGE_BLOCK)
+        else:
+            values = found.block(grid, held.edge, texture_limit)
+        return PackedField(values, found.scale, to_index, 1, bricks, cells, slabs)
     if factor == 1:
         first, scale = lo - 1, value_scale(grid)
         # The size was checked against the memory above; the grid's own limit is for those who did not.

@@ -232,6 +232,8 @@ class FieldAtlas:
         voxels.free()
         keys = list(blocks)
         voxels.texture, corners = self._packed_texture([self._shaped(blocks[k]) for k in keys], limit)
+        for key, corner in zip(keys, corners, strict=True):
+            self._write_slabs(voxels.texture, blocks[key], corner)
         voxels.texture.filter = LINEAR
         voxels.serial = next(_serials)
         voxels.corners = dict(zip(keys, corners, strict=True))
@@ -254,15 +256,26 @@ class FieldAtlas:
         sizes = [tuple(reversed(b.shape[:3])) for b in blocks]
         components = blocks[0].shape[3] if blocks[0].ndim == 4 else 1
         size, corners = pack_boxes(sizes, limit)
-        texture = self._context.texture3d(size, components, blocks[0] if len(blocks) == 1 else None, dtype=dtype)
-        if len(blocks) > 1:
+        alone = len(blocks) == 1 and blocks[0].flags.c_contiguous
+        texture = self._context.texture3d(size, components, blocks[0] if alone else None, dtype=dtype)
+        if not alone:
             for block, box, corner in zip(blocks, sizes, corners, strict=True):
-                texture.write(block, viewport=(*corner, *box))
+                if block.flags.c_contiguous:
+                    texture.write(block, viewport=(*corner, *box))
         texture.repeat_x = texture.repeat_y = texture.repeat_z = False
         return texture, corners
 
+    @staticmethod
+    def _write_slabs(texture: moderngl.Texture3D, block: PackedField, corner: tuple[int, int, int]) -> None:
+        x, y, z = corner
+        for first, slab in block.slabs() if block.slabs is not None else ():
+            depth, height, width = slab.shape
+            texture.write(slab, viewport=(x, y, z + first, width, height, depth))
+
     def _shaped(self, block: PackedField) -> np.ndarray:
-        """The block's values with the atlas's number of components."""
+        """The block's values with the atlas's number of components; only their shape where they come in slabs."""
+        if block.slabs is not None:
+            return block.values
         values = block.scalars if self._components == 1 else block.values
         if self._components == 4 and values.ndim == 3:
             values = np.repeat(values[..., None], 4, axis=-1)

@@ -46,8 +46,8 @@ def test_a_brick_holds_its_part_of_the_block(seed: int, edge: int, background: f
     held = grid(seed, background, tiles)
     dense = pack(Field("k", held, np.eye(4)), 2**33)
     found = Occupancy(held)
-    block = found.pack(held, edge, LIMIT)
-    bricks = block.bricks
+    bricks, (cells, cell_edge) = found.find(held, edge, LIMIT)
+    values = found.block(held, edge, LIMIT)
     assert found.scale == dense.scale
     np.testing.assert_array_equal(bricks.intervals, np.array(dense.size) - 1.0)
     first = np.round(-bricks.shift * edge).astype(int)
@@ -62,12 +62,14 @@ def test_a_brick_holds_its_part_of_the_block(seed: int, edge: int, background: f
             continue
         texel = np.array([entry & 2047, entry >> 11 & 2047, entry >> 22])
         box = tuple(slice(a, b) for a, b in zip((texel + low - begin)[::-1], (texel + high - begin)[::-1], strict=True))
-        np.testing.assert_array_equal(block.values[box], expected)
-    cells, cell_edge = block.cells
+        np.testing.assert_array_equal(values[box], expected)
     exact, exact_edge = dense.cells
     assert (cells.shape, cell_edge) == (exact.shape, exact_edge)
     assert (np.maximum(cells, 0) >= np.maximum(exact, 0)).all()
-    assert found.nbytes(edge, LIMIT) == block.values.nbytes + bricks.table.nbytes
+    slabs = list(found.slabs(held, edge, LIMIT, values.nbytes // 4))
+    assert [first for first, _ in slabs] == list(np.cumsum([0, *(len(s) for _, s in slabs)])[:-1])
+    np.testing.assert_array_equal(np.concatenate([s for _, s in slabs]), values)
+    assert found.nbytes(edge, LIMIT) == values.nbytes + bricks.table.nbytes
 
 
 @settings(max_examples=40, deadline=None)
