@@ -1,6 +1,7 @@
 // Shadows of meshes on surfaces: the light's shadow map against the plane of the surface. SHADOW_KIND and SHADOW_FACES are those of the
-// light, SHADOW_NONE where nothing shadows it.
+// light.
 
+#if HAS_SHADOW_MAPS
 uniform sampler2D shadow_depths;  // the shadow atlas, read texel by texel
 
 // Steepest plane towards the light that a shadow is looked up on, the tangent of its angle. Of a steeper one a texel of the map spans so
@@ -39,7 +40,6 @@ vec3 shadow_place(int i, int face, mat4 matrix, vec3 position) {
 // How much of light i reaches a position on a surface past the meshes, 0 to 1. The map's texels around it are compared each with the
 // depth of the surface's own plane there, so that a surface does not shade itself and shadows begin where they are cast.
 float surface_visibility(int i, vec3 position, vec3 plane) {
-    if (SHADOW_KIND == SHADOW_NONE) return 1.0;
     vec4 shadow = lights[i].shadow;
     int face = shadow_face(i, position);
     if (face < 0) return 1.0;
@@ -98,3 +98,8 @@ float surface_visibility(int i, vec3 position, vec3 plane) {
     vec4 seen = vec4(lessThanEqual(depth, held));
     return mix(mix(seen.x, seen.y, f.x), mix(seen.z, seen.w, f.x), f.y);
 }
+#else
+float surface_visibility(int i, vec3 position, vec3 plane) {
+    return 1.0;
+}
+#endif
