@@ -5,6 +5,7 @@ import json
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import OpenImageIO as oiio
@@ -129,6 +130,38 @@ def test_a_frame_that_fails_stops_no_other(run, stages, tmp_path):
     assert "missing.vdb" in frames[1]["error"]
     assert "error" not in frames[0]
     assert frames[2]["file"].endswith("f.0001.png")
+
+
+def test_a_picture_that_cannot_be_written_stops_no_other(run, stages, tmp_path):
+    """Writing goes on beside the next frame; the failure is said of its own frame, and in the order of the frames."""
+    stats = tmp_path / "s.json"
+    frames = ("-f", "3,1,2,1.2", "-w", 32, "--stats", stats, "--no-measure-error")
+    (tmp_path / "f.0001.20.png").mkdir()
+    result = run("record", stages / "animated.usda", tmp_path / "f.####.##.png", *frames)
+    assert result.returncode == 1
+    said = result.stderr.splitlines()
+    assert [line.split(": ")[1] for line in said] == ["frame 2", "frame 1.2"]
+    assert "f.0001.20.png: cannot be written" in said[1]
+    records = json.loads(stats.read_text())["frames"]
+    assert [(r["frame"], "error" in r) for r in records] == [(3, False), (1, False), (2, True), (1.2, True)]
+    assert not [p.name for p in tmp_path.iterdir() if p.name.startswith(".")]
+
+
+def test_only_what_changed_is_drawn_again(run, stages, tmp_path):
+    """Other voxels: no new G-buffer; the same voxels under another name of the time: nothing at all."""
+    ball = vdb.read(stages / "ball.vdb")
+    vdb.write(tmp_path / "a.vdb", ball)
+    vdb.write(tmp_path / "b.vdb", [replace(g, leaf_values=g.leaf_values * 0.5) for g in ball])
+    timed = "asset filePath.timeSamples = { 1: @a.vdb@, 2: @b.vdb@, 3: @b.vdb@, }"
+    text = volume("a.vdb").replace("asset filePath = @a.vdb@", timed)
+    (tmp_path / "s.usda").write_text(usda(LIGHT_AND_GROUND + CAMERA) + text)
+    frames = ("-f", "1:3", "-w", 32, "--stats", tmp_path / "s.json", "--no-measure-error")
+    ok(run("record", tmp_path / "s.usda", tmp_path / "f.#.png", *frames))
+    first, second, third = (f["executed"] for f in json.loads((tmp_path / "s.json").read_text())["frames"])
+    assert {"fields", "gbuffer", "march", "composite"} <= set(first)
+    assert {"fields", "march", "composite"} <= set(second)
+    assert "gbuffer" not in second
+    assert third == []
 
 
 def test_strides_fractions_and_decimals(run, stages, tmp_path):
