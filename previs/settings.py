@@ -177,6 +177,13 @@ TABLE: tuple[Setting, ...] = (
         choices=("blend", "stochastic", "nearest"),
     ),
     Setting(
+        "cull_lights",
+        True,
+        "Leave out lights where their cone does not reach: of maps, of surfaces and, by lists of lights for parts of "
+        "the media, of the march. The picture stays the same.",
+        ("shadow_map", "transmittance_map", "surface", "march"),
+    ),
+    Setting(
         "shadow_map_size",
         2048,
         "Texels along the side of one face of a shadow map.",

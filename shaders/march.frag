@@ -8,6 +8,7 @@
 #include "include/integrate.glsl"
 #include "include/camera.glsl"
 #include "include/transmittance.glsl"
+#include "include/light_list.glsl"
 #if HAS_EMISSION
 #include "include/emission.glsl"
 #endif
@@ -183,7 +184,10 @@ void march_step(float s0, float s1, float from[VOLUME_COUNT], float between[VOLU
         float middle_of_loss = extinction_centroid(mean_depth) + dot(rise, vec3(1.0)) / (12.0 * dot(extinction, vec3(1.0)));
         float event = s0 + h * clamp(middle_of_loss, 0.0, 1.0);
         vec3 position = ray.anchor + event * ray.direction;
-        for (int i = 0; i < light_count; ++i) {
+        int listed;
+        int first_listed = light_first(position, listed);
+        for (int n = first_listed; n < first_listed + listed; ++n) {
+            int i = listed_light(n);
             float inverse_square;
             vec3 travel = light_travel(i, position, inverse_square);
 #if HAS_POINT

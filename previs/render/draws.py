@@ -14,6 +14,8 @@ from .method import method_of
 from .planned import DeviceLimits, counted
 
 MAX_LIGHTS_PER_BATCH = 64
+#: With lists of lights, whose steps pass the longest of them at the most.
+MAX_LISTED_PER_BATCH = 256
 #: Bytes of a light, a volume and a pair of both in the uniform blocks; see uniforms.py.
 LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 15 * 16, 7 * 16
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
@@ -40,10 +42,10 @@ def steps_across(volume: Volume, wanted: int) -> int:
 
 
 def march_draws(
-    records, lights: int, settings: Settings, limits: DeviceLimits
+    records, lights: int, settings: Settings, limits: DeviceLimits, longest: int | None = None
 ) -> tuple[tuple[range, ...], tuple[range, ...], int]:
     """How a march is cut into draws: ranges of lights, ranges of the steps of a ray, and how many deep steps a draw may
-    cut.
+    cut. `longest` is the length of the longest list of lights, None without lists.
 
     Raises:
         PrevisError: when the way to one light alone takes more steps than a draw may.
@@ -59,7 +61,10 @@ def march_draws(
             f"a draw at most {LOOP_BUDGET}; set light_steps to {max(LOOP_BUDGET // (2 * len(grids)), 1)} or less"
         )
     pairs = limits.uniform_block_size // (PAIR_BYTES * volumes)
-    most = min(MAX_LIGHTS_PER_BATCH, pairs, limits.uniform_block_size // LIGHT_BYTES, LOOP_BUDGET // per_light)
+    most = MAX_LIGHTS_PER_BATCH if longest is None else MAX_LISTED_PER_BATCH
+    most = min(most, pairs, limits.uniform_block_size // LIGHT_BYTES)
+    if longest is None:
+        most = min(most, LOOP_BUDGET // per_light)
     # A power of two, as the blocks are sized in powers of two: few shader variants for many numbers of lights.
     size = 2 ** int(math.log2(max(most, 1)))
     batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
@@ -70,7 +75,8 @@ def march_draws(
     if not grids:
         steps += segments * projective_minimum(settings)
     # A step may begin a segment, behind a gap; finding the first one passes all that lie before it.
-    per_step = 3 * (volumes + 1) + max(len(b) for b in batches) * per_light
+    per_batch = max(len(b) for b in batches)
+    per_step = 3 * (volumes + 1) + (per_batch if longest is None else min(longest, per_batch)) * per_light
     # Rather shorter slices than uncut steps; a slice takes one step at the least.
     cuts = min(MOST_CUTS, 3 * LOOP_BUDGET // (4 * per_step))
     length = max(1, (LOOP_BUDGET - segments * (volumes + 2)) // per_step - cuts)

@@ -192,6 +192,13 @@ class Frame:
         if density.texture is not None:
             program.set(density_texel=tuple(1.0 / n for n in density.texture.size))
 
+    def bind_light_lists(self, program: Program, number: int) -> None:
+        """Give a program the lists of light_list.glsl for a batch of lights."""
+        plan = self.plan
+        if plan.light_lists:
+            lists = plan.light_lists[number]
+            self._block(program, "LightLists", number, lambda: uniforms.pack_light_lists(plan, lists))
+
     def bind_emission(self, program: Program) -> None:
         """Give a program everything that emission.glsl reads."""
         plan = self.plan

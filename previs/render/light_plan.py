@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..description import Note, Volume, box_corners, mesh_world_bounds, volume_world_bounds
+from ..description import (
+    Note,
+    Volume,
+    box_corners,
+    mesh_world_bounds,
+    transform_points,
+    volume_box,
+    volume_world_bounds,
+)
 from ..index import Entry
 from ..settings import Settings
 from .atlas import AtlasLayout, lay_out
+from .draws import steps_across
 from .fields import field_dims
+from .light_lists import FEW_LIGHTS, LISTS_BYTES, LightLists, light_lists, reaches_box
 from .method import method_of, stored_curve
 from .planned import DeviceLimits, PlannedLight, PlannedMap, PlannedPass, counted
 from .projection import light_map, shadow_fit
@@ -50,6 +60,7 @@ def plan_shadows(
     mesh_boxes = [b for e in meshes if (b := _mesh_bounds(e)) is not None]
     media = _corner_points([_volume_bounds(e) for e in volumes])
     casters = _corner_points(mesh_boxes)
+    bounds = (casters.min(axis=0), casters.max(axis=0)) if len(casters) else None
     receivers = np.concatenate([casters, media])
     shapes = tuple((e.record.path, e.versions["shape"]) for e in meshes)
     # One object stands for all that is around the lights, so that a key is not as long as the scene.
@@ -60,7 +71,9 @@ def plan_shadows(
             ("shadow", e.versions["placement"], surroundings),
             lambda e=e: shadow_fit(e.record, casters, receivers, media),
         )
-        if len(casters) and e.record.casts_shadows
+        if bounds is not None
+        and e.record.casts_shadows
+        and (not settings.cull_lights or reaches_box(e.record, *bounds))
         else None
         for e in lights
     ]
@@ -100,7 +113,49 @@ def _longest(volume: Volume) -> int:
     return int(field_dims(volume.density).max()) if volume.density is not None else 0
 
 
-def map_size_for(volumes, grids: list[int], lights: int, settings: Settings, limits: DeviceLimits, notes) -> int:
+def meeting_grids(light: Entry, volumes, grids: list[int], settings: Settings) -> list[int]:
+    """The volumes of voxels that a light needs a map for: where it casts shadows and reaches them."""
+    if not light.record.casts_shadows or not settings.cull_lights:
+        return grids if light.record.casts_shadows else []
+
+    def meets(e: Entry) -> bool:
+        key = ("meets", light.versions["placement"], e.versions["density"], e.versions["placement"])
+        return FITS.get(key, lambda: reaches_box(light.record, *_volume_bounds(e)))
+
+    return [i for i in grids if meets(volumes[i])]
+
+
+def plan_light_lists(
+    volumes, lights, settings: Settings, limits: DeviceLimits, batches: tuple[range, ...] | None = None
+) -> tuple[LightLists, ...]:
+    """Lists of the lights that reach parts of the media, for all lights or for each batch; none where they would not
+    pay."""
+    if not (settings.cull_lights and volumes and len(lights) > FEW_LIGHTS):
+        return ()
+    if limits.uniform_block_size < LISTS_BYTES:
+        return ()
+    records = [e.record for e in volumes]
+    bounds = [_volume_bounds(e) for e in volumes]
+    lo, hi = np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
+    # The edges of cones are searched for within a step.
+    margin = max(_diagonal(v) / steps_across(v, settings.steps) for v in records)
+    lists = []
+    for batch in batches or (range(len(lights)),):
+        made = light_lists([lights[i].record for i in batch], lo, hi, margin, batches is not None)
+        if made is None:
+            return ()
+        lists.append(made)
+    return tuple(lists)
+
+
+def _diagonal(volume: Volume) -> float:
+    """World length of the longest diagonal of a volume's box."""
+    lo, hi, to_world = volume_box(volume)
+    corners = transform_points(box_corners(lo, hi), to_world)
+    return float(np.linalg.norm(corners[:4] - corners[:3:-1], axis=1).max())
+
+
+def map_size_for(volumes, grids: list[int], pairs: int, settings: Settings, limits: DeviceLimits, notes) -> int:
     """Texels along a map's side: as asked, or two per voxel of a small grid and one of a large; less where too many
     maps are needed.
 
@@ -110,16 +165,16 @@ def map_size_for(volumes, grids: list[int], lights: int, settings: Settings, lim
     if not wanted:
         longest = max(_longest(volumes[i]) for i in grids)
         # A coarse grid that is dense has edges too: they need texels, unless there are very many maps to fill.
-        few = len(grids) * lights <= MANY_MAPS
+        few = pairs <= MANY_MAPS
         least, most = (256, 1024) if few else (64, 512)
         texels = min(longest * 2, max(longest, 512))
         wanted = int(np.clip(-(-texels // 32) * 32, least, most))
         if longest > wanted:
             message = f"transmittance maps have {wanted}² texels for {longest} voxels; map_size sets more"
             notes.append(Note("approximated", max(volumes, key=_longest).path, message))
-    size = fitting_size(wanted, len(grids) * lights, method_of(settings).texel_bytes(settings), limits)
+    size = fitting_size(wanted, pairs, method_of(settings).texel_bytes(settings), limits)
     if size < wanted:
-        message = f"{counted(len(grids) * lights, 'transmittance map')} have {size}² texels to fit"
+        message = f"{counted(pairs, 'transmittance map')} have {size}² texels to fit"
         notes.append(Note("approximated", volumes[grids[0]].path, message))
     return size
 
@@ -137,13 +192,12 @@ def plan_maps(
     """A map for every pair of a light that casts shadows and a volume of voxels."""
     planned = []
     tile_bytes = size * size * method_of(settings).texel_bytes(settings)
-    pairs = [(e.record.path, volumes[i].record.path) for e in lights if e.record.casts_shadows for i in grids]
+    meeting = {e.record.path: meeting_grids(e, volumes, grids, settings) for e in lights}
+    pairs = [(e.record.path, volumes[i].record.path) for e in lights for i in meeting[e.record.path]]
     layout = lay_out(previous, [(p, 1) for p in pairs], size, tile_bytes, limits.texture_size, ATLAS_MEMORY)
     for light_number, light_entry in enumerate(lights):
         light = light_entry.record
-        if not light.casts_shadows:
-            continue
-        for volume_number in grids:
+        for volume_number in meeting[light.path]:
             entry = volumes[volume_number]
             volume = entry.record
             strength = [s for s in volume.medium.strength if s > 0.0]

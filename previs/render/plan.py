@@ -20,7 +20,8 @@ from ..settings import Settings
 from .atlas import AtlasLayout
 from .draws import FEW_CUTS, VOLUME_BYTES, march_draws
 from .fields import SPARSE_ROLES, field_dims, storage
-from .light_plan import map_size_for, plan_maps, plan_shadows
+from .light_lists import MOST_CELLS, MOST_INDICES, reaches_box
+from .light_plan import map_size_for, meeting_grids, plan_light_lists, plan_maps, plan_shadows
 from .method import method_of
 from .planned import PHASE_NUMBERS, Atlases, DeviceLimits, Plan, PlannedMap, PlannedPass, counted, march_size
 from .precision import density_range, precision_notes
@@ -80,6 +81,8 @@ def make_plan(
     notes += [Note("approximated", d.path, "a dome lights every point evenly, without occlusion") for d in domes]
     ambient = tuple(settings.ambient + sum(d.radiance[c] for d in domes) for c in range(3))
     lights = [e for e in index.lights.values() if e.record.kind != "dome" and any(c > 0.0 for c in e.record.strength)]
+    if settings.cull_lights and (bounds := scene.world_bounds()) is not None:
+        lights = [e for e in lights if reaches_box(e.record, *bounds)]
     origin = render_origin(scene)
     conformed = camera.conformed(width / height)
     rays = camera_rays(conformed, origin, scene, (shift[0] / width, shift[1] / height))
@@ -118,8 +121,8 @@ def make_plan(
         )
 
     planned_lights, shadow_atlas = plan_shadows(volumes, lights, meshes, settings, limits, atlases[1], passes, notes)
-    casting = sum(e.record.casts_shadows for e in lights)
-    size = map_size_for(records, grids, casting, settings, limits, notes) if grids else 0
+    pairs = sum(len(meeting_grids(e, volumes, grids, settings)) for e in lights)
+    size = map_size_for(records, grids, pairs, settings, limits, notes) if grids else 0
     maps, map_atlas = (), AtlasLayout()
     for entry in volumes:
         record = entry.record
@@ -131,7 +134,10 @@ def make_plan(
     if grids and method.has_maps:
         maps, map_atlas = plan_maps(volumes, grids, lights, settings, size, limits, atlases[0], passes)
 
-    batches, slices, cuts = march_draws(records, len(lights), settings, limits)
+    lists = plan_light_lists(volumes, lights, settings, limits)
+    batches, slices, cuts = march_draws(records, len(lights), settings, limits, lists[0].longest if lists else None)
+    if lists and len(batches) > 1:
+        lists = plan_light_lists(volumes, lights, settings, limits, batches)
     if cuts < FEW_CUTS and grids:
         message = f"the way to the lights takes so many steps that only {cuts} deep steps of the view can be cut finer"
         notes.append(Note("approximated", records[grids[0]].path, message))
@@ -144,6 +150,7 @@ def make_plan(
     defines = _defines(records, planned_lights, maps, len(batches[0]), meshes, ambient, settings)
     defines["SCATTERED_PIXELS"] = pixels is not None
     defines["HAS_SPARSE"] = has_bricks
+    defines |= {"HAS_LIGHT_LISTS": bool(lists), "MOST_CELLS": MOST_CELLS, "MOST_INDICES": MOST_INDICES}
     shadow_passes = tuple(p.name for p in passes if p.kind == "shadow_map")
     map_passes = tuple(p.name for p in passes if p.kind == "transmittance_map")
     field_passes = ("fields",) if fields else ()
@@ -238,6 +245,7 @@ def make_plan(
         passes=tuple(passes),
         notes=tuple(notes),
         pixels=pixels,
+        light_lists=lists,
         march_divisor=divisor,
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..description import Light, Mesh, Note, Volume
 from ..settings import Settings
 from .atlas import AtlasLayout
+from .light_lists import LightLists
 from .projection import MAP_KINDS, SHADOW_KINDS, CameraRays, LightMap, ShadowFit
 from .scattered import ScatteredPixels
 
@@ -120,6 +121,8 @@ class Plan:
     passes: tuple[PlannedPass, ...]
     notes: tuple[Note, ...] = field(default=())
     pixels: ScatteredPixels | None = None
+    #: One per batch of lights, or none.
+    light_lists: tuple[LightLists, ...] = ()
     march_divisor: int = 1
 
     @property

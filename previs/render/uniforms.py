@@ -12,16 +12,19 @@ import numpy as np
 from .. import blackbody
 from ..description import Light, Volume
 from .draws import steps_across
+from .light_lists import MOST_CELLS, MOST_INDICES, LightLists
 from .planned import MAP_KINDS_NUMBERS, PHASE_NUMBERS, SHADOW_KIND_NUMBERS, Plan
 from .projection import relative_to
 from .resources import Placement
 
 VOLUMES_BINDING, LIGHTS_BINDING, LIGHT_MAPS_BINDING, EMISSIONS_BINDING = range(4)
+LIGHT_LISTS_BINDING = 7
 BLOCKS = {
     "Volumes": VOLUMES_BINDING,
     "Lights": LIGHTS_BINDING,
     "LightMaps": LIGHT_MAPS_BINDING,
     "Emissions": EMISSIONS_BINDING,
+    "LightLists": LIGHT_LISTS_BINDING,
 }
 
 _VOLUME_ROWS = 15
@@ -146,6 +149,20 @@ def pack_lights(plan: Plan, batch: range, capacity: int) -> bytes:
             for i, matrix in enumerate(fit.matrices[:2]):
                 row[6 + 4 * i : 10 + 4 * i] = relative_to(matrix, plan.origin)
     return rows.tobytes()
+
+
+def pack_light_lists(plan: Plan, lists: LightLists) -> bytes:
+    """The `LightLists` block of one batch."""
+    size = np.maximum(lists.hi - lists.lo, 1e-30)
+    head = np.zeros((2, 4), np.float32)
+    head[0, :3], head[1, :3] = lists.lo - plan.origin, lists.cells / size
+    head[0, 3] = lists.cells
+    cells = np.zeros(MOST_CELLS, np.uint32)
+    cells[: len(lists.count)] = (lists.count.astype(np.uint32) << 16) | lists.first.astype(np.uint32)
+    listed = np.zeros(MOST_INDICES, np.uint8)
+    listed[: len(lists.lights)] = lists.lights
+    # The shader takes bytes from words by their value, the lowest first.
+    return head.tobytes() + cells.tobytes() + listed.view("<u4").astype(np.uint32).tobytes()
 
 
 def clamp_radius(light: Light) -> float:

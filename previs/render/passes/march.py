@@ -65,6 +65,7 @@ def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iter
                 if plan.defines["HAS_EMISSION"]:
                     frame.bind_emission(program)
                 frame.bind_lighting(program, batch)
+                frame.bind_light_lists(program, plan.batches.index(batch))
                 if previous is not None:
                     held = ("previous_scattered", "previous_transmittance", "previous_emission")
                     frame.bind(**dict(zip(held, previous.color_attachments, strict=False)))
