@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib
 import os
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from os import PathLike
@@ -32,6 +34,11 @@ EXPOSURE_LIMIT = 64.0
 _AUTO_PERCENTILE, _AUTO_LEVEL = 99.0, 0.8
 #: Beyond this automatic exposure would lift the rounding errors of a black picture.
 _AUTO_LIMIT = 32.0
+
+
+def preload() -> None:
+    """Load OpenImageIO in a thread, for who is about to wait for a drawing and will write it then."""
+    threading.Thread(target=importlib.import_module, args=("OpenImageIO",), name="previs loading", daemon=True).start()
 
 
 def check_format(path: str | PathLike[str]) -> str:
