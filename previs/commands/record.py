@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import PrevisError
-from ..io import COLOR_CORRECTIONS, check_format, parse_exposure, write_text
+from ..io import COLOR_CORRECTIONS, check_format, parse_exposure, preload, write_text
 from ..settings import Settings
 from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
 from .frames import frame_path, has_placeholder, parse_frames
@@ -117,6 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
         index = RenderIndex()
         default_time = float("nan") if arguments.defaultTime else None
         previous = None
+        preload()
         for number, frame in enumerate(frames):
             output = arguments.output if frame is None else frame_path(arguments.output, frame)
             try:
