@@ -110,6 +110,7 @@ def render(
     progress: Callable[[float], None] | None = None,
     measure_error: bool = False,
     max_error: float | None = None,
+    quality: str | None = None,
     **settings: Any,
 ) -> Image:
     """Render a scene.
@@ -125,7 +126,10 @@ def render(
         max_error: choose the cheapest settings whose mean relative error, the upper end of its 95 % interval, is no
             more than this; knobs that are given keep their values. The picture's stats say under ``choice`` what was
             chosen and whether the limit was met; where it was not, the picture is the best that was found.
-        **settings: any knob of `previs.settings.TABLE`, e.g. ``coefficients=14``; the others are as the stage says.
+        quality: a preset of knobs, ``"draft"``, ``"preview"`` or ``"final"``; see `previs.quality`. It overrides what
+            the stage says; None leaves the knobs to the stage.
+        **settings: any knob of `previs.settings.TABLE`, e.g. ``coefficients=14``; they override the preset, and the
+            others are as the stage says.
 
     Returns:
         The picture, linear.
@@ -134,18 +138,20 @@ def render(
         PrevisError: one line that says what cannot be rendered and why.
         ValueError: for an unknown setting or an illegal value.
     """
+    from .quality import preset
     from .scene import Scene
     from .settings import Settings
 
     # Said before anything is opened.
     Settings(**settings)
+    chosen_preset = preset(quality) if quality is not None else {}
     if max_error is not None and not max_error > 0.0:
         raise ValueError(f"max_error: {max_error!r} is not a number above 0")
     if not isinstance(scene, Scene):
         with open(scene) as opened:
-            return render(opened, camera, size, time, progress, measure_error, max_error, **settings)
+            return render(opened, camera, size, time, progress, measure_error, max_error, quality, **settings)
     with _shared.lock:
-        values = Settings(**scene.settings(settings))
+        values = Settings(**scene.settings({**chosen_preset, **settings}))
         description = scene.describe(time)
         chosen = choose_camera(scene, description, camera, time)
         pixels = choose_size(chosen, size)

@@ -6,6 +6,7 @@ import argparse
 import os
 from typing import Any
 
+from ..quality import PRESET_KNOBS, QUALITIES, preset
 from ..settings import BY_NAME, TABLE
 
 _PURPOSES = ("default", "render", "proxy", "guide")
@@ -48,6 +49,12 @@ def add_opening_arguments(parser: argparse.ArgumentParser) -> None:
 def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
     """The knobs of the settings table: a flag each for the common ones, --set for all."""
     group = parser.add_argument_group("quality")
+    group.add_argument(
+        "--quality",
+        choices=QUALITIES,
+        help="preset of the knobs " + ", ".join(PRESET_KNOBS) + "; it overrides the stage, and flags override it "
+        "(default: the stage's values, else those of final)",
+    )
     for setting in TABLE:
         if setting.flag:
             default = f" (default: {setting.default})"
@@ -63,8 +70,13 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def preset_from(arguments: argparse.Namespace) -> dict[str, Any]:
+    """The knobs that --quality sets, by name: they override the stage, and `settings_from` overrides them."""
+    return preset(arguments.quality) if arguments.quality is not None else {}
+
+
 def settings_from(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The knobs that the arguments set, by name; the stage and the defaults have the others.
+    """The knobs that the arguments set one by one, by name; a preset, the stage and the defaults have the others.
 
     Raises:
         ValueError: one sentence naming the knob and what it accepts.

@@ -9,8 +9,8 @@ import sys
 import numpy as np
 
 from ..description import volume_world_bounds
-from ..settings import Settings
-from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
+from ..settings import BY_NAME, Settings
+from .arguments import add_setting_arguments, add_stage_arguments, open_scene, preset_from, settings_from
 from .view_of import camera_and_size
 
 
@@ -35,7 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     # What cannot be read is listed with the rest; one missing file does not hide what else there is.
     arguments.keepGoing = True
     with open_scene(arguments) as scene:
-        settings = Settings(**scene.settings(explicit))
+        settings = Settings(**scene.settings({**preset_from(arguments), **explicit}))
         description = scene.describe(arguments.time)
         camera, (width, height) = camera_and_size(arguments, scene, description, arguments.time)
         index = RenderIndex()
@@ -47,6 +47,15 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             print(_as_text(description, camera, plan, notes))
     return 0
+
+
+def _value(value) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _default(name: str, value) -> str:
+    default = BY_NAME[name].default
+    return "" if value == default else f" (default {_value(default)})"
 
 
 def _point(values) -> str:
@@ -86,6 +95,7 @@ def _as_json(description, camera, plan, notes) -> dict:
         "cameras": list(description.cameras),
         "camera": camera.path or None,
         "size": [plan.width, plan.height],
+        "settings": dict(plan.settings),
         "plan": passes,
         "notes": [{"kind": n.kind, "path": n.path, "message": n.message} for n in notes],
     }
@@ -133,6 +143,7 @@ def _as_text(description, camera, plan, notes) -> str:
     section("cameras", [f"{path}{'  <- used' if path == camera.path else ''}" for path in description.cameras])
     if not camera.path:
         lines.append("  none chosen: a camera that frames the stage is used")
+    section("settings", [f"{name} {_value(value)}{_default(name, value)}" for name, value in plan.settings.items()])
     lines.append(f"plan for {plan.width}×{plan.height}")
     lines.extend("  " + line for line in plan.describe().splitlines())
     section("not shown as authored", [str(n) for n in notes])

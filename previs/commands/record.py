@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import PrevisError
 from ..io import COLOR_CORRECTIONS, check_format, parse_exposure, preload, write_text
 from ..settings import Settings
-from .arguments import add_setting_arguments, add_stage_arguments, open_scene, settings_from
+from .arguments import add_setting_arguments, add_stage_arguments, open_scene, preset_from, settings_from
 from .frames import frame_path, has_placeholder, parse_frames
 from .view_of import camera_and_size, with_camera_light
 
@@ -88,6 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise ValueError(f"{arguments.output}: has a place for the frame number; say which frames with --frames")
         if arguments.max_error is not None and arguments.reference:
             raise ValueError("--max-error chooses settings and --reference gives them; take one")
+        if arguments.quality is not None and arguments.reference:
+            raise ValueError("--quality and --reference both give settings; take one")
         if len({frame_path(arguments.output, frame) for frame in frames if frame is not None}) < len(frames) > 1:
             raise ValueError(f"{arguments.output}: several frames would have one name; write ###.### for decimals")
     except ValueError as error:
@@ -113,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
                 f"warning: --disableGpu: this driver has no software rasteriser; {renderer.device} draws",
                 file=sys.stderr,
             )
-        settings = Settings(**scene.settings(explicit))
+        settings = Settings(**scene.settings({**preset_from(arguments), **explicit}))
         index = RenderIndex()
         default_time = float("nan") if arguments.defaultTime else None
         previous = None

@@ -102,6 +102,9 @@ def render_within(
     """
     if not limit > 0.0:
         raise ValueError(f"max_error: {limit!r} is not a number above 0")
+    if "march_divisor" not in fixed:
+        # The pixels that settings are tried on are marched one by one: what is interpolated would not show.
+        settings = settings.replace(march_divisor=1)
     report = progress or (lambda _: None)
     best: tuple[float, Image, Settings] | None = None
     with ErrorMeter(renderer) as meter:

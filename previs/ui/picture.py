@@ -217,7 +217,7 @@ class Picture:
             level = self.pace.first(width, height, request.settings)
         elif level is None:
             # From beyond the final level, which is no longer wanted, the way is back to it.
-            reached = "medium" if self.level in FINISHED else self.level
+            reached = "preview" if self.level in FINISHED else self.level
             level = self.pace.next(reached, width, height, request.settings)
         if level is None:
             return False

@@ -1,7 +1,8 @@
 """The ladder of quality that the view climbs: a draft at once, the full picture when nothing moves.
 
-A draft is small and takes few steps, as small as the machine needs to keep up with a hand; then the whole picture with
-few steps; then what the settings ask for. Where the machine draws the full picture at once there is no ladder.
+A draft has the preset of that name: its media are marched at a quarter of the resolution, its surfaces are not. Where
+the machine cannot keep up with a hand it is a smaller picture too. Then come the media of the preset preview, then what
+the settings ask for. Where the machine draws the full picture at once there is no ladder.
 
 Where that is asked for it goes on to the truth: finer levels, and at last the march that errors are measured against.
 Every level is a whole picture of its own, and every sample of a pixel takes all of its steps: the mean of many pictures
@@ -16,12 +17,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..description import Volume
+from ..quality import PRESET_KNOBS, at_most
 from ..render.draws import steps_across
 from ..render.measure import brute_force, converged
 from ..render.method import method_of
 from ..settings import BY_NAME, Settings
 
-LevelName = Literal["draft", "medium", "final", "finer", "exact"]
+LevelName = Literal["draft", "preview", "final", "finer", "exact"]
 
 #: Levels that show what the settings ask for, or better.
 FINISHED = ("final", "finer", "exact")
@@ -30,18 +32,15 @@ FINISHED = ("final", "finer", "exact")
 DRAFT_SECONDS = 0.055
 #: A final picture that takes no longer than this is drawn without a draft before it.
 AT_ONCE_SECONDS = 0.04
-#: A final picture that takes no longer than this needs no medium one before it.
-NO_MEDIUM_SECONDS = 0.25
+#: A final picture that takes no longer than this needs no preview before it.
+NO_PREVIEW_SECONDS = 0.25
 #: The size of drafts changes only when the present one takes less than this part of the time, or more than that
 #: multiple of it: another size is another G-buffer, and a picture that flickers.
 STEADY = (0.35, 1.5)
 #: Sides of a draft's pixels, in pixels of the view.
 DIVISORS = (1, 2, 3, 4, 6, 8)
-#: What drafts are content with, where the settings ask for more or leave it to the plan (0).
-DRAFT_LIMITS = {"steps": 48, "light_steps": 48, "map_size": 96, "shadow_map_size": 1024, "antialias": 1}
-#: One texel of a map is enough for a draft: half the time for what its few pixels do not show.
-DRAFT_FILTER = "nearest"
-MEDIUM_STEPS = 64
+#: What of its preset a preview takes: the final picture's maps are its own, or they would be made twice.
+PREVIEW_KNOBS = tuple(name for name in PRESET_KNOBS if BY_NAME[name].invalidates == ("march",))
 #: Finer levels go up to so many values of a map, and to maps of twice the size, but of no more texels along a side and
 #: altogether: to fill them would take longer than the brute-force march that they precede.
 FINER_VALUES, FINER_MAP_SIZE, FINER_TEXELS = 14, 1024, 3 * 2**19
@@ -50,9 +49,9 @@ FINER_LEAST_MAP, FINER_CUTOFF = 256, 1e-5
 #: A picture is as good as the truth where its mean relative error is below this for certain.
 CONVERGED_ERROR = 1e-3
 #: Seconds per pixel before anything was measured: a processor and a graphics card.
-FIRST_GUESS = {True: 1.0e-6, False: 2.0e-9}
+FIRST_GUESS = {True: 3.0e-7, False: 1.0e-9}
 #: A final picture takes so many times longer per pixel than a draft, before it was measured.
-FINAL_TO_DRAFT = 4.0
+FINAL_TO_DRAFT = 20.0
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ class Pace:
 
     def __init__(self, software: bool) -> None:
         guess = FIRST_GUESS[software]
-        self._seconds = {"draft": guess, "medium": 2.0 * guess, "final": FINAL_TO_DRAFT * guess}
+        self._seconds = {"draft": guess, "preview": 4.0 * guess, "final": FINAL_TO_DRAFT * guess}
         self._divisor = 0
 
     def measured(self, level: Level, pixels: int, seconds: float) -> None:
@@ -97,7 +96,7 @@ class Pace:
         """The level to draw at once."""
         if self.seconds("final", width * height) <= AT_ONCE_SECONDS:
             # More samples per pixel are for a picture at rest.
-            return final(settings) if settings.antialias == 1 else Level("medium", 1, settings.replace(antialias=1))
+            return final(settings) if settings.antialias == 1 else Level("preview", 1, settings.replace(antialias=1))
         whole = self.seconds("draft", width * height)
         kept = whole / max(self._divisor, 1) ** 2 / DRAFT_SECONDS
         if not self._divisor or not STEADY[0] <= kept <= STEADY[1]:
@@ -108,9 +107,10 @@ class Pace:
         """The level after one that was reached; None after the last."""
         if reached in FINISHED:
             return None
-        slow = self.seconds("final", width * height * settings.antialias**2) > NO_MEDIUM_SECONDS
-        if reached == "draft" and slow and settings.transmittance != "march" and _many_steps(settings):
-            return Level("medium", 1, settings.replace(steps=MEDIUM_STEPS, antialias=1))
+        slow = self.seconds("final", width * height * settings.antialias**2) > NO_PREVIEW_SECONDS
+        preview = at_most(settings, "preview", PREVIEW_KNOBS).replace(antialias=1)
+        if reached == "draft" and slow and method_of(settings).has_maps and preview != settings:
+            return Level("preview", 1, preview)
         return final(settings)
 
 
@@ -121,10 +121,10 @@ def final(settings: Settings) -> Level:
 
 def draft_settings(settings: Settings) -> Settings:
     """The settings of a draft. Light is never marched in it: a map of it is filled sooner."""
-    values = {name: min(settings[name] or limit, limit) for name, limit in DRAFT_LIMITS.items()}
+    draft = at_most(settings, "draft").replace(antialias=1)
     if not method_of(settings).has_maps:
-        values["transmittance"] = BY_NAME["transmittance"].default
-    return settings.replace(**values, map_filter=DRAFT_FILTER)
+        draft = draft.replace(transmittance=BY_NAME["transmittance"].default)
+    return draft
 
 
 def finer_levels(settings: Settings, volumes: Sequence[Volume], map_size: int = 0, maps: int = 0) -> tuple[Level, ...]:
@@ -170,6 +170,7 @@ def _finer(settings: Settings, volumes: Sequence[Volume], part: float, map_size:
     return settings.replace(
         transmittance=BY_NAME["transmittance"].default,
         map_filter="blend",
+        march_divisor=1,
         coefficients=least + 2 * math.ceil(part * more),
         map_size=map_size,
         light_steps=max((2 * steps_across(v, 0) for v in grids), default=0),
@@ -185,7 +186,3 @@ def _larger(size: int, maps: int, factor: float) -> int:
     room = math.isqrt(FINER_TEXELS // maps)
     wanted = max(min(round(size * factor), FINER_MAP_SIZE), FINER_LEAST_MAP)
     return max(min(wanted, room), size)
-
-
-def _many_steps(settings: Settings) -> bool:
-    return settings.steps == 0 or settings.steps > MEDIUM_STEPS

@@ -43,13 +43,13 @@ def picture(renderer: previs.Renderer) -> Iterator[Picture]:
 
 def slow(picture: Picture) -> None:
     """Let the picture believe that its machine needs all levels."""
-    picture.pace._seconds = {"draft": 1e-4, "medium": 1e-3, "final": 1e-2}
+    picture.pace._seconds = {"draft": 1e-4, "preview": 1e-3, "final": 1e-2}
     picture.pace.measured = lambda *_: None
 
 
 def fast(picture: Picture) -> None:
     """Let the picture believe that its machine draws the final level at once."""
-    picture.pace._seconds = {"draft": 1e-9, "medium": 1e-9, "final": 1e-9}
+    picture.pace._seconds = {"draft": 1e-9, "preview": 1e-9, "final": 1e-9}
     picture.pace.measured = lambda *_: None
 
 
@@ -79,7 +79,7 @@ def test_levels_follow_one_another(picture: Picture) -> None:
     assert not picture.pending(False)
     picture.show(request())
     assert picture.pending(True)
-    assert settle(picture) == ["draft", "medium", "final"]
+    assert settle(picture) == ["draft", "preview", "final"]
     assert picture.finished
     assert picture.current
     assert picture.error == ""
@@ -102,12 +102,12 @@ def test_while_something_moves_a_draft_is_enough(picture: Picture) -> None:
     assert not picture.finished
     assert picture.texture.size < SIZE
     assert not picture.work(1.0, True)
-    assert settle(picture) == ["medium", "final"]
+    assert settle(picture) == ["preview", "final"]
 
 
 def test_a_draft_takes_few_steps_whatever_is_asked_for() -> None:
     draft = draft_settings(KNOBS.replace(steps=0, transmittance="march", map_size=512))
-    assert (draft.steps, draft.transmittance, draft.map_size) == (48, Settings().transmittance, 96)
+    assert (draft.steps, draft.transmittance, draft.map_size) == (32, Settings().transmittance, 64)
 
 
 def test_a_fast_machine_has_no_ladder(picture: Picture) -> None:
@@ -128,11 +128,11 @@ def test_moving_ends_the_levels_after_the_first(picture: Picture) -> None:
     picture.show(request())
     settle(picture, moving=True)
     picture._start()
-    assert picture._drawing.level.name == "medium"
+    assert picture._drawing.level.name == "preview"
     assert not picture.work(1.0, True)
     assert picture._drawing is None
     assert picture.level == "draft"
-    assert settle(picture) == ["medium", "final"]
+    assert settle(picture) == ["preview", "final"]
     np.testing.assert_array_equal(picture.read(), drawn(SCENE))
 
 
@@ -148,7 +148,7 @@ def test_a_picture_at_rest_takes_the_samples_that_are_asked_for(picture: Picture
     speed(picture)
     knobs = KNOBS.replace(antialias=2)
     picture.show(request(settings=knobs))
-    assert settle(picture, moving=True) == (["draft"] if speed is slow else ["medium"])
+    assert settle(picture, moving=True) == (["draft"] if speed is slow else ["preview"])
     assert settle(picture)[-1] == "final"
     with previs.Renderer() as alone:
         wanted = alone.render(SCENE, VIEW, SIZE, knobs)
@@ -167,7 +167,7 @@ def test_a_picture_at_rest_takes_the_samples_that_are_asked_for(picture: Picture
 def test_samples_can_be_dropped_in_the_middle(picture: Picture) -> None:
     picture.show(request(settings=KNOBS.replace(antialias=4)))
     settle(picture, moving=True)
-    while picture.level != "medium" or picture.progress < 0.5:
+    while picture.level != "preview" or picture.progress < 0.5:
         picture.work(0.0, False)
     assert not picture.work(0.0, True)
     assert picture._drawing is None

@@ -536,7 +536,7 @@ def converges(hand: Hand) -> None:
     hand.capture("converged")
     resting.CONVERGED_ERROR = 1.0
     hand.drag_picture(40, 0)
-    assert picture.level in ("draft", "medium", "final") and picture.finer[0] == 0, "a movement begins from below"
+    assert picture.level in ("draft", "preview", "final") and picture.finer[0] == 0, "a movement begins from below"
     hand.finish()
     hand.until(lambda: not hand.app.busy, "the window to rest")
     assert picture.level == "final" and rest.converged, "what is good enough goes no further"

@@ -9,6 +9,7 @@ from building import sphere, volume
 
 from previs import Medium, Settings
 from previs.meter import ErrorEstimate, ErrorPart, Estimate
+from previs.quality import preset
 from previs.render.measure import converged
 from previs.ui.error_text import error_hint, error_words, percent
 from previs.ui.refinement import DIVISORS, DRAFT_SECONDS, Level, Pace, draft_settings, final, finer_levels
@@ -62,7 +63,7 @@ def test_levels_follow_one_another_to_the_settings_asked_for():
     first = pace.first(*SIZE, settings)
     second = pace.next(first.name, *SIZE, settings)
     third = pace.next(second.name, *SIZE, settings)
-    assert [first.name, second.name, third.name] == ["draft", "medium", "final"]
+    assert [first.name, second.name, third.name] == ["draft", "preview", "final"]
     assert second.settings.steps < 256 and second.divisor == 1
     assert third.settings == settings
     assert first.settings.antialias == second.settings.antialias == 1
@@ -74,27 +75,38 @@ def test_samples_are_for_a_picture_at_rest():
     assert pace.first(*SIZE, Settings()) == final(Settings())
     many = Settings(antialias=3)
     first = pace.first(*SIZE, many)
-    assert (first.name, first.divisor, first.settings) == ("medium", 1, Settings())
-    assert pace.next("medium", *SIZE, many) == final(many)
+    assert (first.name, first.divisor, first.settings) == ("preview", 1, Settings())
+    assert pace.next("preview", *SIZE, many) == final(many)
     # They count for how long the last picture takes, and so for whether one is wanted before it.
     assert paced(0.05, 0.1).next("draft", *SIZE, Settings()).name == "final"
-    assert paced(0.05, 0.1).next("draft", *SIZE, many).name == "medium"
+    assert paced(0.05, 0.1).next("draft", *SIZE, many).name == "preview"
 
 
-def test_a_quick_or_coarse_final_picture_needs_no_medium_one():
+def test_a_quick_or_coarse_final_picture_needs_no_preview():
     assert paced(0.05, 0.1).next("draft", *SIZE, Settings()).name == "final"
-    assert paced(0.5).next("draft", *SIZE, Settings(steps=32)).name == "final"
+    assert paced(0.5).next("draft", *SIZE, Settings(**preset("draft"))).name == "final"
 
 
 def test_drafts_ask_for_less_and_never_for_more():
     draft = draft_settings(Settings(steps=16, transmittance="march"))
     assert draft.steps == 16 and draft.transmittance == Settings().transmittance
-    assert draft_settings(Settings()).steps == 48
+    assert draft_settings(Settings()).steps == preset("draft")["steps"]
     assert draft_settings(Settings()).map_filter == "nearest"
     assert draft_settings(Settings(transmittance="tfm")).transmittance == "tfm"
     # The same voxels: another limit would pack them again.
     assert draft.field_memory == Settings().field_memory
-    assert draft_settings(Settings(coefficients=14)).coefficients == 14
+    assert draft_settings(Settings(coefficients=14)).coefficients == preset("draft")["coefficients"]
+    assert draft_settings(Settings(coefficients=2)).coefficients == 2
+
+
+def test_a_preview_has_the_maps_of_the_final_picture():
+    """They would be made twice for every change."""
+    settings = Settings(coefficients=14, map_size=512, opacity_cutoff=0.05)
+    level = paced(0.5).next("draft", *SIZE, settings)
+    assert level.name == "preview" and level.settings.march_divisor == 2
+    for kind in ("transmittance_map", "shadow_map", "surface"):
+        assert level.settings.read_by(kind) == settings.read_by(kind)
+    assert level.settings.opacity_cutoff == 0.05
 
 
 def test_sizes_of_levels_cover_the_view():
