@@ -3,7 +3,8 @@
 A brick of edge B covers B intervals between voxels along each axis and is read from (B + 1)³ texels: the last layer of
 each axis is the first of the next brick, so that the trilinear filter of the texture unit is exact inside a brick.
 Bricks lie on multiples of B in index space, as the leaves of a grid lie on multiples of 8. A brick that is all
-background is not stored; those inside large tiles of one value share one.
+background is not stored; those inside large tiles of one value share one. The table has two levels: pages of 8³
+entries, and a directory of pages; pages without bricks are not stored either.
 
 The dense array is never made: leaves are taken a batch at a time.
 """
@@ -21,17 +22,22 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..description import SparseGrid
-from .brick_layout import Layout, lay_out
+from .brick_layout import MOST_TEXELS, Layout, lay_out
 from .cells import cell_counts, cell_edge, with_distances
 
 #: Edges that bricks may have, in voxels.
 EDGES = (8, 16, 32)
 #: Bytes of a brick's entry in the table.
 ENTRY_BYTES = 4
-#: Entries of a table at the most.
+#: Bricks that a box may span at the most.
 MOST_ENTRIES = 2**26
-#: The entry where no brick is stored; else where it begins: 11 bits along x, 11 along y, 10 along z.
+#: Bricks along a page of the table.
+PAGE = 8
+#: The entry where nothing is stored; else where it begins: 11 bits along x, 11 along y, 10 along z.
 NO_BRICK = 0xFFFFFFFF
+
+#: The table of a dense block: one page, behind a directory of one, of one brick that begins with the block.
+ONE_BRICK = np.array([[[1 << 22]], [[0]]], np.uint32)
 
 _LEAF = 8
 _PART = 4  # edge of the parts of a leaf whose majorants are told apart
@@ -44,9 +50,11 @@ _SIDES = tuple(itertools.product((0, 1), repeat=3))
 class Bricks:
     """How the texels of a block of bricks are found.
 
-    `table` is uint32 of shape (z, y, x): the texel at which the brick begins, or `NO_BRICK`. The box of the field spans
-    `intervals` (3,) intervals between voxels along x, y, z; box coordinate b is ``b · intervals / edge + shift`` bricks
-    from the first of the table. `background` is the value, relative to the field's scale, where no brick is stored.
+    `table` is uint32 of shape (z, y, x) and begins with the directory: for every page the texel of the table at which
+    it begins, or `NO_BRICK`. An entry of a page is the texel of the block at which the brick begins, or `NO_BRICK`. The
+    box of the field spans `intervals` (3,) intervals between voxels along x, y, z; box coordinate b is
+    ``b · intervals / edge + shift`` bricks from the first of the first page. `background` is the value, relative to the
+    field's scale, where no brick is stored.
     """
 
     edge: int
@@ -57,16 +65,44 @@ class Bricks:
 
 
 class _Shared(NamedTuple):
-    """Bricks [x, y, z] from `first` up to and without `end` of the table, all of one value."""
+    """Bricks of the box [x, y, z] from `first` up to and without `end`, all of one value."""
 
     first: np.ndarray
     end: np.ndarray
     value: np.float16
 
+    def bricks(self, divisor: int = 1) -> np.ndarray:
+        """All of them (n, 3), or the cubes of so many along an edge that they lie in."""
+        spans = [np.arange(a // divisor, (b - 1) // divisor + 1) for a, b in zip(self.first, self.end, strict=True)]
+        return np.stack(np.meshgrid(*spans, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+class _Pages(NamedTuple):
+    """The pages of a table: their places, sorted, in the flattened directory (z, y, x), which has `along` of them."""
+
+    places: np.ndarray
+    along: np.ndarray
+
+    @property
+    def _side(self) -> int:
+        return max(int(np.ceil(len(self.places) ** (1.0 / 3.0) - 1e-9)), 1)
+
+    @property
+    def size(self) -> tuple[int, int, int]:
+        """Texels of the table along x, y, z: the directory, and the pages behind it."""
+        side, (x, y, z) = self._side, (int(n) for n in self.along)
+        return max(x, side * PAGE), max(y, side * PAGE), z + -(-len(self.places) // side**2) * PAGE
+
+    def begins(self, number: np.ndarray) -> np.ndarray:
+        """The texels (n, 3) at which pages begin."""
+        side = self._side
+        x, y, z = number % side, number // side % side, number // side**2
+        return np.stack([x * PAGE, y * PAGE, z * PAGE + self.along[2]], axis=-1)
+
 
 class _Wanted(NamedTuple):
-    """The bricks of one edge: where those with voxels of their own are in the flattened table (z, y, x), and those
-    that share one."""
+    """The bricks of one edge: where those with voxels of their own are in the flattened box (z, y, x), and those that
+    share one."""
 
     places: np.ndarray
     shared: list[_Shared]
@@ -89,13 +125,14 @@ class Occupancy:
         self.background = self._half(np.asarray(grid.background, grid.leaf_values.dtype))
         self._wanted = self._find(grid)
         self._layouts: dict[tuple[int, int], Layout | None] = {}
+        self._tables: dict[int, _Pages] = {}
 
     def first(self, edge: int) -> np.ndarray:
-        """The first brick of the table along x, y, z, in bricks from index 0."""
+        """The first brick of the box along x, y, z, in bricks from index 0."""
         return self.lo // edge
 
     def counts(self, edge: int) -> np.ndarray:
-        """Bricks of the table along x, y, z."""
+        """Bricks that the box spans along x, y, z."""
         return (self.hi - 1) // edge - self.first(edge) + 1
 
     def layout(self, edge: int, texture_limit: int) -> Layout | None:
@@ -103,11 +140,10 @@ class Occupancy:
         None where the largest texture does not hold it or the table."""
         key = edge, texture_limit
         if key not in self._layouts:
-            found, counts = None, self.counts(edge)
-            if counts.max() <= texture_limit:
+            found, counts, table = None, self.counts(edge), self._pages(edge).size
+            if all(n <= min(most, texture_limit) for n, most in zip(table, MOST_TEXELS, strict=True)):
                 places, shared = self._wanted[edge]
-                x, y = places % counts[0], places // counts[0] % counts[1]
-                bricks = np.stack([x, y, places // (counts[0] * counts[1])], axis=1)
+                bricks = _apart(places, counts)
                 # Apart from all others, so that they are joined to none.
                 apart = [(0, counts[1] + 8 * (i + 1), 0) for i in range(len({s.value for s in shared}))]
                 found = lay_out(np.concatenate([bricks, np.reshape(apart, (-1, 3)).astype(int)]), edge, texture_limit)
@@ -119,7 +155,7 @@ class Occupancy:
         layout = self.layout(edge, texture_limit)
         if layout is None:
             return np.inf
-        return layout.texels * 2 + int(np.prod(self.counts(edge))) * ENTRY_BYTES
+        return layout.texels * 2 + int(np.prod(self._pages(edge).size)) * ENTRY_BYTES
 
     def best(self, texture_limit: int) -> tuple[float, int]:
         """(bytes, edge) of the bricks that take the fewest bytes; infinite where no texture holds any."""
@@ -129,13 +165,18 @@ class Occupancy:
         """How bricks of that edge are found; and the cells of the field with their edge."""
         places, shared = self._wanted[edge]
         origins = self._held_layout(edge, texture_limit).origins
-        entries = (origins @ (1, 1 << 11, 1 << 22)).astype(np.uint32)
-        table = np.full(tuple(reversed(self.counts(edge))), NO_BRICK, np.uint32)
-        table.reshape(-1)[places] = entries[: len(places)]
-        values = sorted({s.value for s in shared})
-        for first, end, value in shared:
-            box = tuple(slice(a, b) for a, b in zip(reversed(first), reversed(end), strict=True))
-            table[box] = entries[len(places) + values.index(value)]
+        pages, values = self._pages(edge), sorted({s.value for s in shared})
+        table = np.full(tuple(reversed(pages.size)), NO_BRICK, np.uint32)
+        page = _apart(pages.places, pages.along)
+        begins = pages.begins(np.arange(len(page)))
+        table[page[:, 2], page[:, 1], page[:, 0]] = _entries(begins)
+        chosen = [(_apart(places, self.counts(edge)), origins[: len(places)])]
+        chosen += [(s.bricks(), origins[len(places) + values.index(s.value)]) for s in shared]
+        for bricks, begin in chosen:
+            page = bricks // PAGE
+            number = np.searchsorted(pages.places, _joined(page, pages.along))
+            x, y, z = (pages.begins(number) + bricks % PAGE).T
+            table[z, y, x] = _entries(begin)
         cells = _CellsOfLeaves(self)
         for leaves, held in self._leaves(grid):
             cells.add(leaves, held)
@@ -158,6 +199,15 @@ class Occupancy:
             if after is None or (after - begin) * layer > memory:
                 yield begin, self._slab(grid, edge, layout, begin, cut)
                 begin = cut
+
+    def _pages(self, edge: int) -> _Pages:
+        if edge not in self._tables:
+            places, shared = self._wanted[edge]
+            counts = self.counts(edge)
+            along = -(-counts // PAGE)
+            held = [_apart(places, counts) // PAGE, *(s.bricks(PAGE) for s in shared)]
+            self._tables[edge] = _Pages(np.unique(np.concatenate([_joined(p, along) for p in held])), along)
+        return self._tables[edge]
 
     def _held_layout(self, edge: int, texture_limit: int) -> Layout:
         layout = self.layout(edge, texture_limit)
@@ -273,7 +323,7 @@ class Occupancy:
             brick = leaves[held] // edge - first - side
             inside = ((brick >= 0) & (brick < counts)).all(axis=1)
             held, brick = held[inside], brick[inside]
-            place = (brick[:, 2] * counts[1] + brick[:, 1]) * counts[0] + brick[:, 0]
+            place = _joined(brick, counts)
             number = np.minimum(np.searchsorted(places, place), len(places) - 1)
             begin = origins[number, 2]
             chosen = (places[number] == place) & (begin >= 0) & (begin < len(block))
@@ -291,6 +341,22 @@ class Occupancy:
             layers = sliding_window_view(block, [1 if s else _LEAF for s in reversed(side)], writeable=True)
             part = [slice(0, 1) if s else slice(None) for s in reversed(side)]
             layers[at[:, 2], at[:, 1], at[:, 0]] = halves[(numbers[held], *part)]
+
+
+def _apart(places: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """Places in a flattened box (z, y, x) as (n, 3) along x, y, z."""
+    x, y = places % counts[0], places // counts[0] % counts[1]
+    return np.stack([x, y, places // (counts[0] * counts[1])], axis=1)
+
+
+def _joined(at: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """The inverse of `_apart`."""
+    return (at[:, 2] * counts[1] + at[:, 1]) * counts[0] + at[:, 0]
+
+
+def _entries(begins: np.ndarray) -> np.ndarray:
+    """Entries of a table for texels (..., 3)."""
+    return (begins @ (1, 1 << 11, 1 << 22)).astype(np.uint32)
 
 
 def value_scale(grid: SparseGrid) -> float:

@@ -16,6 +16,7 @@ import moderngl
 import numpy as np
 
 from ..description import Field, Geometry, Mesh
+from .bricks import ONE_BRICK
 from .fields import LARGE_BLOCK, PackedField, PackedStore
 from .method import method_of
 from .planned import Plan
@@ -242,8 +243,7 @@ class FieldAtlas:
             voxels.cells.filter = NEAREST
             voxels.cell_corners = dict(zip(keys, corners, strict=True))
         if any(b.bricks is not None for b in blocks.values()):
-            one = np.zeros((1, 1, 1), np.uint32)
-            tables = [b.bricks.table if b.bricks is not None else one for b in blocks.values()]
+            tables = [b.bricks.table if b.bricks is not None else ONE_BRICK for b in blocks.values()]
             voxels.bricks, corners = self._packed_texture(tables, limit, "u4")
             voxels.bricks.filter = NEAREST
             voxels.brick_corners = dict(zip(keys, corners, strict=True))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from previs.description import Field
 from previs.render.brick_layout import lay_out
-from previs.render.bricks import EDGES, NO_BRICK, Occupancy
+from previs.render.bricks import EDGES, NO_BRICK, PAGE, Occupancy
 from previs.render.fields import pack
 from previs.vdb.grid import Grid, Tiles
 
@@ -37,6 +37,10 @@ def grid(seed: int, background: float, tiles: bool) -> Grid:
     )
 
 
+def texel(entry: int) -> np.ndarray:
+    return np.array([entry & 2047, entry >> 11 & 2047, entry >> 22])
+
+
 @pytest.mark.parametrize("tiles", [False, True])
 @pytest.mark.parametrize("background", [0.0, 0.25])
 @pytest.mark.parametrize("edge", EDGES)
@@ -52,16 +56,18 @@ def test_a_brick_holds_its_part_of_the_block(seed: int, edge: int, background: f
     np.testing.assert_array_equal(bricks.intervals, np.array(dense.size) - 1.0)
     first = np.round(-bricks.shift * edge).astype(int)
     assert np.all((first <= 0) & (first > -edge))
-    for place in np.ndindex(bricks.table.shape):
-        begin = np.array(place[::-1]) * edge + first
+    for place in np.ndindex(*(-(-(bricks.intervals - first) // edge)).astype(int)):
+        begin = np.array(place) * edge + first
         low, high = np.maximum(begin, 0), np.minimum(begin + edge + 1, dense.size)
         expected = dense.values[tuple(slice(a, b) for a, b in zip(low[::-1], high[::-1], strict=True))]
-        entry = int(bricks.table[place])
+        page = entry = int(bricks.table[tuple(np.array(place[::-1]) // PAGE)])
+        if page != NO_BRICK:
+            entry = int(bricks.table[tuple((texel(page) + np.array(place) % PAGE)[::-1])])
         if entry == NO_BRICK:
             assert (expected == np.float16(bricks.background)).all()
             continue
-        texel = np.array([entry & 2047, entry >> 11 & 2047, entry >> 22])
-        box = tuple(slice(a, b) for a, b in zip((texel + low - begin)[::-1], (texel + high - begin)[::-1], strict=True))
+        ends = texel(entry) + low - begin, texel(entry) + high - begin
+        box = tuple(slice(a, b) for a, b in zip(ends[0][::-1], ends[1][::-1], strict=True))
         np.testing.assert_array_equal(values[box], expected)
     exact, exact_edge = dense.cells
     assert (cells.shape, cell_edge) == (exact.shape, exact_edge)
