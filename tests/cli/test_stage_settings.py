@@ -8,6 +8,8 @@ from small_stages import usda
 
 import previs
 from previs.io import load_color
+from previs.quality import preset
+from previs.settings import TABLE, Settings
 
 
 @pytest.fixture
@@ -74,3 +76,41 @@ def Scope "Render" { def RenderSettings "main" { int previs:coefficients = 7
     done = run("record", tmp_path / "a.usda", tmp_path / "a.png", "-rs", "/Ball")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "/Ball: not a RenderSettings prim" in done.stderr
+
+
+def test_a_preset_is_above_the_stage_and_below_the_flags(run, look, tmp_path):
+    flags = {
+        "a": (),
+        "b": ("--quality", "draft"),
+        "c": ("--quality", "draft", "--set", "coefficients=8", "--steps", 40),
+    }
+    found = {name: json.loads(run("info", look, "--json", *f).stdout)["settings"] for name, f in flags.items()}
+    draft = preset("draft")
+    assert (found["a"]["coefficients"], found["a"]["map_size"]) == (12, 48)
+    assert {name: found["b"][name] for name in draft} == draft
+    assert {name: found["c"][name] for name in draft} == {**draft, "coefficients": 8, "steps": 40}
+    final = json.loads(run("info", look, "--json", "--quality", "final").stdout)["settings"]
+    assert final == dict(Settings())
+    done = run("record", look, tmp_path / "a.exr", "-w", 64, *flags["c"])
+    assert done.returncode == 0, done.stderr
+    with previs.open(look) as scene:
+        image = previs.render(scene, size=64, quality="draft", coefficients=8, steps=40)
+    assert np.array_equal(load_color(tmp_path / "a.exr")[0], image.color)
+
+
+def test_info_prints_the_settings_in_force(run, look):
+    lines = run("info", look, "--quality", "preview", "--set", "ambient=0.5").stdout
+    rows = [line.strip() for line in lines.splitlines()]
+    assert f"settings ({len(TABLE)})" in rows
+    assert "march_divisor 2 (default 1)" in rows and "ambient 0.5 (default 0.0)" in rows
+    assert "coefficients 6" in rows
+
+
+def test_presets_that_are_none_or_do_not_fit(run, look, tmp_path):
+    done = run("record", look, tmp_path / "a.exr", "--quality", "best")
+    assert done.returncode == 2 and "draft" in done.stderr
+    done = run("record", look, tmp_path / "a.exr", "--quality", "draft", "--reference")
+    assert done.returncode == 2 and "take one" in done.stderr and done.stderr.count("\n") == 1
+    assert not (tmp_path / "a.exr").exists()
+    with pytest.raises(ValueError, match="'best' is not one of"):
+        previs.render(look, size=16, quality="best")
