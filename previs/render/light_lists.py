@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..description import Light
+from ..description import Light, box_corners
 
 #: Cells along an edge of the grid of lists: the most that fit, of these.
 LIST_GRIDS = (16, 12, 9, 6)
 #: Cells along an edge of a box that a cone is tested against.
 BOX_CELLS = 6
+#: Cells along an edge of the bounds of surfaces, for the part of the picture that a light can reach.
+SCREEN_CELLS = 8
 #: Lists are made for more lights than this, where they leave out at least half of them.
 FEW_LIGHTS = 4
 #: What the packed lists can hold, all in a uniform block of 64 KiB: cells, and beside them lights, a byte each.
@@ -63,6 +65,39 @@ def reaches_box(light: Light, lo: np.ndarray, hi: np.ndarray) -> bool:
     if reach_angle(light) >= math.pi:
         return True
     return bool(reached_balls(light, *grid_cells(np.asarray(lo, float), np.asarray(hi, float), BOX_CELLS)).any())
+
+
+def reached_rectangle(
+    light: Light, lo: np.ndarray, hi: np.ndarray, view_projection: np.ndarray, size: tuple[int, int]
+) -> tuple[int, int, int, int] | None:
+    """The part of a picture in which a light can reach anything of a world box: (x, y, width, height) in pixels from
+    the lower left, None where it reaches nothing that is in the picture.
+
+    Args:
+        light: any.
+        lo, hi: the world box.
+        view_projection: world → clip, row vectors.
+        size: (width, height) of the picture.
+    """
+    whole = (0, 0, *size)
+    if reach_angle(light) >= math.pi:
+        return whole
+    centres, radius = grid_cells(lo, hi, SCREEN_CELLS)
+    centres = centres[reached_balls(light, centres, radius)]
+    if not len(centres):
+        return None
+    half = 0.5 * (hi - lo) / SCREEN_CELLS * (1.0 + 1e-3)
+    corners = (centres[:, None, :] + box_corners(-half, half)).reshape(-1, 3)
+    clip = corners @ view_projection[:3] + view_projection[3]
+    if clip[:, 3].min() <= 1e-6 * np.abs(clip[:, 3]).max():
+        return whole
+    places = (clip[:, :2] / clip[:, 3:] * 0.5 + 0.5) * size
+    # A pixel more on every side: rounding.
+    first = np.clip(np.floor(places.min(axis=0)) - 1, 0, size).astype(int)
+    last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, size).astype(int)
+    if np.any(last <= first):
+        return None
+    return (int(first[0]), int(first[1]), int(last[0] - first[0]), int(last[1] - first[1]))
 
 
 @dataclass(frozen=True, eq=False)

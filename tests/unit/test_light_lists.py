@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from building import distant, point, spot
+from building import camera, distant, point, scene, spot
 
 from previs.description import Light, Shaping
-from previs.render.light_lists import MOST_INDICES, light_lists, reached_balls, reaches_box
+from previs.render.light_lists import MOST_INDICES, light_lists, reached_balls, reached_rectangle, reaches_box
+from previs.render.projection import camera_rays
 
 
 def lit(light: Light, points: np.ndarray) -> np.ndarray:
@@ -80,3 +81,27 @@ def test_there_are_no_lists_where_they_leave_out_little():
     lo, hi = np.full(3, -1.0), np.full(3, 1.0)
     assert light_lists(spots(4, 5.0), lo, hi, 0.0) is None, "few lights"
     assert light_lists(spots(20, 80.0), lo, hi, 0.0) is None, "wide ones"
+
+
+def test_the_part_of_the_picture_that_a_light_reaches():
+    lo, hi = np.array([-2.0, -0.1, -2.0]), np.array([2.0, 0.1, 2.0])
+    rays = camera_rays(camera((0, 4, 4), degrees=60), np.zeros(3), scene(), (0.0, 0.0))
+    size = (160, 90)
+    random = np.random.default_rng(5)
+    points = random.uniform(lo, hi, (20000, 3))
+    clip = points @ rays.view_projection[:3] + rays.view_projection[3]
+    places = (clip[:, :2] / clip[:, 3:] * 0.5 + 0.5) * size
+    shown = ((places >= 0) & (places < size)).all(axis=1)
+    for x, z in random.uniform(-2, 2, (20, 2)):
+        light = spot((x, 3, z), (x, 0, z), shaping=Shaping(cone_angle=6.0))
+        inside = places[lit(light, points) & shown]
+        rectangle = reached_rectangle(light, lo, hi, rays.view_projection, size)
+        if rectangle is None:
+            assert not len(inside)
+            continue
+        left, bottom, width, height = rectangle
+        assert width * height < 0.5 * size[0] * size[1]
+        assert ((inside >= (left, bottom)) & (inside < (left + width, bottom + height))).all()
+    away = spot((0, 3, 0), (0, 9, 0), shaping=Shaping(cone_angle=6.0))
+    assert reached_rectangle(away, lo, hi, rays.view_projection, size) is None
+    assert reached_rectangle(point((0, 3, 0)), lo, hi, rays.view_projection, size) == (0, 0, 160, 90)

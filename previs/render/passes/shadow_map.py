@@ -17,12 +17,9 @@ def run_shadow_map(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     assert isinstance(light, PlannedLight) and light.shadow is not None
     fit = light.shadow
     frame.meshes.update(plan.meshes, plan.origin)
-    program = frame.shaders.get("shadow_map.vert", "shadow_map.frag")
-    program.set(
-        light_position=tuple(fit.position - plan.origin),
-        light_far=fit.far,
-        orthographic=fit.kind == "orthographic",
-    )
+    # Rasterised depth is linear where nothing is foreshortened: software GL draws it several times as fast.
+    program = frame.shaders.get("shadow_map.vert", "shadow_map.frag", ORTHOGRAPHIC=fit.kind == "orthographic")
+    program.set(light_position=tuple(fit.position - plan.origin), light_far=fit.far)
     framebuffer = frame.shadows.framebuffer
     framebuffer.use()
     frame.context.enable_only(moderngl.DEPTH_TEST)

@@ -10,9 +10,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import moderngl
+import numpy as np
 
+from ...description import mesh_world_bounds
 from ..frame import BACKGROUND_DISTANCE, Frame
+from ..light_lists import reached_rectangle
+from ..pieces import Box
 from ..planned import SHADOW_KIND_NUMBERS, Plan, PlannedLight, PlannedPass
+from ..projection import relative_to
 
 
 def run_surface(frame: Frame, planned: PlannedPass) -> Iterator[float]:
@@ -21,19 +26,41 @@ def run_surface(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     size = plan.target_size
     target = frame.targets.get("surface", size, ("f4",), depth=True)
     kind = plan.settings.read_by("surface")
+    rectangles = _rectangles(plan)
     parts = len(plan.lights) + 1
     for number in range(parts):
         light = plan.lights[number - 1] if number else None
         name = light.record.path if light is not None else ""
         for piece in frame.pieces((("surface", name), kind), size, number / parts, (number + 1) / parts):
             with piece:
-                target.scissor = piece.scissor
                 if light is None:
+                    target.scissor = piece.scissor
                     _draw(frame, target, frame.fullscreen("surface.frag"))
-                else:
+                elif (scissor := _common(piece.scissor, rectangles[number - 1])) is not None:
+                    target.scissor = scissor
                     _draw_light(frame, target, number - 1, light)
                 target.scissor = None
             yield piece.done
+
+
+def _rectangles(plan: Plan) -> list[Box | None]:
+    """For every light the part of the target in which it can reach a surface; None where it reaches none."""
+    whole = (0, 0, *plan.target_size)
+    bounds = [b for m in plan.meshes if (b := mesh_world_bounds(m)) is not None]
+    if not plan.settings.cull_lights or plan.pixels is not None or not bounds:
+        return [whole] * len(plan.lights)
+    lo, hi = np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
+    matrix = relative_to(plan.rays.view_projection, -plan.origin)
+    return [reached_rectangle(p.record, lo, hi, matrix, plan.target_size) for p in plan.lights]
+
+
+def _common(a: Box | None, b: Box | None) -> Box | None:
+    """What two rectangles share, None where that is nothing; the first may be None for everything."""
+    if a is None or b is None:
+        return b
+    x, y = max(a[0], b[0]), max(a[1], b[1])
+    width, height = min(a[0] + a[2], b[0] + b[2]) - x, min(a[1] + a[3], b[1] + b[3]) - y
+    return (x, y, width, height) if width > 0 and height > 0 else None
 
 
 def light_defines(plan: Plan, light: PlannedLight) -> dict[str, Any]:
