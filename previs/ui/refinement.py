@@ -39,6 +39,8 @@ NO_PREVIEW_SECONDS = 0.25
 STEADY = (0.35, 1.5)
 #: Sides of a draft's pixels, in pixels of the view.
 DIVISORS = (1, 2, 3, 4, 6, 8)
+#: What of its preset a draft takes: the switch between 6 and 14 map values is to be seen at once.
+DRAFT_KNOBS = tuple(name for name in PRESET_KNOBS if name != "coefficients")
 #: What of its preset a preview takes: the final picture's maps are its own, or they would be made twice.
 PREVIEW_KNOBS = tuple(name for name in PRESET_KNOBS if BY_NAME[name].invalidates == ("march",))
 #: Finer levels go up to so many values of a map, and to maps of twice the size, but of no more texels along a side and
@@ -121,7 +123,7 @@ def final(settings: Settings) -> Level:
 
 def draft_settings(settings: Settings) -> Settings:
     """The settings of a draft. Light is never marched in it: a map of it is filled sooner."""
-    draft = at_most(settings, "draft").replace(antialias=1)
+    draft = at_most(settings, "draft", DRAFT_KNOBS).replace(antialias=1)
     if not method_of(settings).has_maps:
         draft = draft.replace(transmittance=BY_NAME["transmittance"].default)
     return draft
