@@ -43,6 +43,7 @@ COLUMNS = {
     "relative_rmse": "root mean square error over the same mean",
     "psnr": "peak signal-to-noise ratio in dB",
     "bias": "light that the picture has too much, relative to all of the truth",
+    "turns": "turns that count",
     "estimated": "whether the time is that of every fourth row, drawn once",
 }
 
@@ -52,7 +53,14 @@ def rows_of(scene: SceneSpeed) -> list[dict[str, Any]]:
     equal = scene.plain.times("whole")
     rows = [_row(scene, way, equal) for way in scene.ways]
     row = dict.fromkeys(COLUMNS)
-    row |= {"scene": scene.scene, "way": "floor", "family": "floor", "settings": "", "estimated": False}
+    row |= {
+        "scene": scene.scene,
+        "way": "floor",
+        "family": "floor",
+        "settings": "",
+        "turns": len(scene.floor),
+        "estimated": False,
+    }
     for clock in ("process", "wall"):
         row |= _spread(f"whole_{clock}", Spread.of([getattr(t, clock) for t in scene.floor]))
     return [*rows, row]
@@ -66,6 +74,7 @@ def _row(scene: SceneSpeed, way: Measured, equal: Spread | None) -> dict[str, An
         "way": way.variant.name,
         "family": way.variant.family,
         "settings": " ".join(f"{n}={v}" for n, v in changed.items()),
+        "turns": len(way.turns),
         "estimated": way.estimated,
     }
     for frame in FRAMES:

@@ -17,7 +17,7 @@ from ..tables import Table, percent, ratio
 from .peer import PeerResult
 from .records import COLUMNS, csv_text, rows_of, scaling_record, scene_record
 from .scaling import Scaling
-from .scenes import SLOW, SLOW_ROWS, Measured, Options, SceneSpeed
+from .scenes import LONG, SLOW, SLOW_ROWS, Measured, Options, SceneSpeed
 
 
 def scene_table(scene: SceneSpeed) -> Table:
@@ -31,7 +31,7 @@ def scene_table(scene: SceneSpeed) -> Table:
         faster = "–" if whole is None or equal is None else ratio(equal.median / whole.median)
         rows.append(
             (
-                way.variant.name + (" (estimated)" if way.estimated else ""),
+                way.variant.name + (" (estimated)" if way.estimated else " (one turn)" if len(way.turns) == 1 else ""),
                 *(_times(way, frame) for frame in ("whole", "camera", "light")),
                 _spread(way.over_floor("whole")),
                 _spread(way.over_floor("camera")),
@@ -274,8 +274,8 @@ def _measured(table: Table, options: Options) -> str:
                 "N is the least of a ladder at which its error is no larger than that of the default. It "
                 "shares the shader of the march with previs, which ends opaque rays and cuts deep steps: a plain "
                 "renderer without these would need more steps.",
-                f"What would take more than {SLOW:g} seconds is drawn once, every {SLOW_ROWS}th row of it, and marked "
-                "as estimated.",
+                f"What takes more than {LONG:g} seconds of the processor is drawn in one turn alone; of what would "
+                f"take more than {SLOW:g} only every {SLOW_ROWS}th row is drawn, and it is marked as estimated.",
                 f"Errors are those of {options.pixels} pixels, the same for all ways of a scene, against a march so "
                 "fine that more steps change nothing, with 95 % intervals for the picture they stand for. They are "
                 "relative to the mean of the lit pixels.",

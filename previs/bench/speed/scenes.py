@@ -19,8 +19,11 @@ from .accuracy import EqualError, Truth, equal_error
 from .clock import FrameTimes, Stopwatch, Taken
 from .ways import BRUTE_FORCE, DEFAULT, LADDER, plain, ways
 
-#: A way whose frame is expected to take more seconds than this is drawn once, and only every so many-th row of it.
+#: A way whose frame is expected to take more seconds of the processor than this is drawn once, and of it only every
+#: so many-th row.
 SLOW, SLOW_ROWS = 20.0, 4
+#: A way whose frame takes more seconds of the processor than this in the first turn is not drawn in the others.
+LONG = 4.0
 #: What a way is tried at first: a picture of so many times fewer pixels along both sides, which compiles its shaders.
 TRIAL = 4
 
@@ -152,7 +155,9 @@ def measure(renderer: Renderer, subject: Subject, options: Options, progress: Pr
             tell(f"{variant.name}, tried", number, len(chosen))
             try:
                 watch.whole(values, small)
-                expected = watch.whole(values, small).wall * subject.size[0] * subject.size[1] / (small[0] * small[1])
+                expected = (
+                    watch.whole(values, small).process * subject.size[0] * subject.size[1] / (small[0] * small[1])
+                )
                 # Maps do not grow with the picture: of those nothing can be told from a small one.
                 is_slow = values.transmittance == "march" and expected > SLOW
                 errors.append(truth.of_settings(values) if is_slow else truth.of_image(watch.picture(values)))
@@ -165,10 +170,11 @@ def measure(renderer: Renderer, subject: Subject, options: Options, progress: Pr
         for turn in range(options.repeats + 1):
             for number, (variant, values) in enumerate(zip(chosen, settings, strict=True)):
                 tell(variant.name, turn * len(chosen) + number, total)
-                if slow[number] and turn != 1:
+                if turns[number] and (slow[number] or turns[number][0].whole.process > LONG):
                     continue
                 taken = _frame(watch, values, options.steps, slow[number])
-                if turn:
+                # The first turn warms up what is drawn again; what takes long has been tried, and needs no more.
+                if turn or slow[number] or taken.whole.process > LONG:
                     turns[number].append(taken)
                     floors.append(taken.floor)
         passes = [{} if s else watch.passes(v) for v, s in zip(settings, slow, strict=True)]
