@@ -118,6 +118,11 @@ def test_an_accelerator_that_is_off_already_is_not_left_out_again():
     assert ways.ways(Settings())[0] == Variant("default", {}, "default")
 
 
+def test_quality_presets_are_compared_but_for_the_one_that_is_the_default():
+    assert [v.name for v in ways.ways(Settings()) if v.family == "quality"] == ["draft", "preview"]
+    assert "final" in [v.name for v in ways.ways(Settings(coefficients=14))]
+
+
 def test_light_that_is_marched_already_is_not_marched_again():
     names = [v.name for v in ways.ways(Settings(transmittance="march"))]
     assert "all off, light marched" not in names

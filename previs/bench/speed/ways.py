@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from typing import Any
 
+from ...quality import QUALITIES, preset
 from ...settings import BY_NAME, Settings
 from ..run import Variant
 
@@ -45,12 +45,8 @@ def plain(steps: int) -> dict[str, Any]:
 
 
 def quality_presets() -> dict[str, Mapping[str, Any]]:
-    """Values of knobs by the name of a quality, those that there are."""
-    try:
-        module = importlib.import_module("previs.quality")
-    except ModuleNotFoundError:
-        return {}
-    return dict(getattr(module, "PRESETS", {}))
+    """Values of knobs by the name of a quality."""
+    return {name: preset(name) for name in QUALITIES}
 
 
 def ways(base: Settings) -> list[Variant]:
@@ -62,7 +58,10 @@ def ways(base: Settings) -> list[Variant]:
     """
     off = accelerators()
     found = [Variant(DEFAULT, {}, "default")]
-    found += [Variant(name, values, "quality") for name, values in quality_presets().items()]
+    for name, values in quality_presets().items():
+        # Where the stage asks for nothing else, the highest quality is the default.
+        if dict(base.replace(**values)) != dict(base):
+            found.append(Variant(name, values, "quality"))
     for name, value in off.items():
         # What the stage has turned off needs no way without it.
         if base[name] != value:
