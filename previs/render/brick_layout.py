@@ -15,6 +15,9 @@ import numpy as np
 SECTIONS = ((1,), (2, 1), (4, 2, 1))
 #: Bricks along a bar at the most.
 LONGEST = 8
+#: A block of more texels is a multiple of so many along x and y: textures are held in tiles, and what is left of one is
+#: lost.
+LARGE, TILE = 2**25, 64
 #: Texels along x, y, z of a block at the most: where a brick begins has so many bits.
 MOST_TEXELS = (2047, 2047, 1023)
 
@@ -69,12 +72,17 @@ def _lay_out(bars: list[_Bars], edge: int, texture_limit: int, count: int) -> La
     longest = max(int(b.lengths.max()) for b in bars if len(b.lengths)) * edge + 1
     sides = np.array([b.section * edge + 1 for b in bars])
     best = None
-    for width in sorted({longest, *(longest + n * (edge + 1) for n in range(1, 17))}):
+    unit = TILE if count * edge**3 > LARGE else 1
+    widths = range(-(-longest // unit) * unit, 1024, unit)
+    if unit == 1:
+        widths = range(longest, longest + 16 * (edge + 1) + 1, edge + 1)
+    for width in widths:
         if width > most[0]:
             break
         lines = [_lines(np.bincount(b.lengths, minlength=1), edge, width) for b in bars]
         counts = np.array([sum(n for n, _ in found) for found in lines])
-        heights = np.arange(sides[counts > 0].max(), most[1] + 1)
+        lowest = -(-int(sides[counts > 0].max()) // unit) * unit
+        heights = np.arange(lowest, most[1] + 1, unit)
         rows = heights[:, None] // sides
         shelves = np.where(counts > 0, -(-counts // np.maximum(rows, 1)), 0)
         depths = shelves @ sides

@@ -41,7 +41,7 @@ ONE_BRICK = np.array([[[1 << 22]], [[0]]], np.uint32)
 
 _LEAF = 8
 _PART = 4  # edge of the parts of a leaf whose majorants are told apart
-_BATCH = 4096  # leaves taken at a time
+_BATCH = 1024  # leaves taken at a time: what they need for it stays small beside them
 _MAGNITUDE = np.uint16(0x7FFF)
 _SIDES = tuple(itertools.product((0, 1), repeat=3))
 

@@ -27,6 +27,8 @@ DEFAULT_TEXTURE_LIMIT = 2048
 STORE_MEMORY = 2**30
 #: Blocks of more bytes are not kept in memory once they are uploaded.
 LARGE_BLOCK = 2**26
+#: Bytes that are converted at a time of those that come in slabs.
+SLAB = 2**24
 #: What the fields are used for that may be held in bricks.
 SPARSE_ROLES = frozenset({"density"})
 #: A field is held in bricks where they take less than this part of the dense block's bytes, ...
@@ -180,7 +182,7 @@ def pack(
             # Converted when it is uploaded, a part at a time.
             shape = tuple(reversed(found.layout(held.edge, texture_limit).size))
             values = np.broadcast_to(np.float16(0.0), shape)
-            slabs = functools.partial(found.slabs, grid, held.edge, texture_limit, LARGE_BLOCK)
+            slabs = functools.partial(found.slabs, grid, held.edge, texture_limit, SLAB)
         else:
             values = found.block(grid, held.edge, texture_limit)
         return PackedField(values, found.scale, to_index, 1, bricks, cells, slabs)

@@ -159,10 +159,21 @@ def occupied_points(volume) -> np.ndarray:
     corners = box_corners(lo, hi)
     grid = volume.density.grid if volume.density is not None else None
     if grid is not None and 0 < len(grid.leaf_origins) <= 200_000 and len(grid.tiles.size) == 0:
-        origins = np.asarray(grid.leaf_origins, float)
+        origins = _outermost(grid.leaf_origins).astype(float)
         first, last = np.maximum(origins - 1.0, lo), np.minimum(origins + 8.0, hi)
         corners = np.concatenate([np.where(mask, last, first) for mask in box_corners(np.zeros(3), np.ones(3)) > 0.5])
     return transform_points(corners, to_world)
+
+
+def _outermost(leaves: np.ndarray) -> np.ndarray:
+    """Leaves (n, 3) whose hull is that of all: of every row along an axis the first and the last."""
+    for axis in range(3):
+        across = [a for a in range(3) if a != axis]
+        leaves = leaves[np.lexsort((leaves[:, axis], leaves[:, across[0]], leaves[:, across[1]]))]
+        begins = np.ones(len(leaves) + 1, bool)
+        begins[1:-1] = (leaves[1:, across] != leaves[:-1, across]).any(axis=1)
+        leaves = leaves[begins[:-1] | begins[1:]]
+    return leaves
 
 
 def light_map(light: Light, volume, size: int) -> LightMap:

@@ -163,7 +163,7 @@ def typical_column(grid: SparseGrid) -> float:
     0 for a grid without density.
     """
     columns = []
-    sums = np.asarray(grid.leaf_values, np.float64).sum(axis=(1, 2, 3))
+    sums = np.asarray(grid.leaf_values).sum(axis=(1, 2, 3), dtype=np.float64)
     for axis in range(3):
         size = float(np.linalg.norm(np.asarray(grid.index_to_world, float)[axis, :3]))
         if len(sums):
