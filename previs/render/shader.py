@@ -8,8 +8,10 @@ is printed to stderr.
 
 from __future__ import annotations
 
+import functools
 import os
 import re
+import stat
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -49,6 +51,45 @@ class Source:
         return "\n".join(f"{n:5d}  {line}" for n, line in enumerate(self.text.splitlines(), 1))
 
 
+@dataclass(frozen=True)
+class _File:
+    """A shader file that was read: its lines, the upper-case names in them, and what the lines with a directive ask
+    for, as (index, "include" or "define", name) and (index, "condition", names)."""
+
+    lines: tuple[str, ...]
+    names: frozenset[str]
+    directives: tuple[tuple[int, str, Any], ...]
+
+
+@functools.lru_cache(maxsize=256)
+def _parsed(path: str, modified: int) -> _File:
+    """A file as it was at a time of modification: most are part of many programs."""
+    text = Path(path).read_text(encoding="utf-8")
+    lines = tuple(text.splitlines())
+    directives: list[tuple[int, str, Any]] = []
+    for index, line in enumerate(lines):
+        if "#" not in line:
+            continue
+        if match := _INCLUDE.match(line):
+            directives.append((index, "include", match[1]))
+        elif match := _DEFINE.match(line):
+            directives.append((index, "define", match[1]))
+        elif match := _CONDITION.match(line):
+            condition = _DEFINED.sub("", match[1].split("//")[0])
+            directives.append((index, "condition", tuple(_NAME.findall(condition))))
+    return _File(lines, frozenset(_NAME.findall(text)), tuple(directives))
+
+
+def _read(name: str, folder: Path) -> _File | None:
+    """A shader file, None where there is none of that name."""
+    path = os.path.join(folder, name)
+    try:
+        status = os.stat(path)
+    except OSError:
+        return None
+    return _parsed(path, status.st_mtime_ns) if stat.S_ISREG(status.st_mode) else None
+
+
 def compose(name: str, defines: Mapping[str, Any], folder: Path | None = None) -> Source:
     """Compose the shader file `name` with its includes and the given defines.
 
@@ -67,25 +108,25 @@ def compose(name: str, defines: Mapping[str, Any], folder: Path | None = None) -
             return
         if depth > _MAX_DEPTH:
             raise ShaderError(f"{included_from}: includes are nested more than {_MAX_DEPTH} deep")
-        path = folder / file
-        if not path.is_file():
+        source = _read(file, folder)
+        if source is None:
             raise ShaderError(f"{included_from}: no shader file {file!r} in {folder}")
         seen.add(file)
         files.append(file)
         number = len(files) - 1
         lines.append(f"#line 1 {number}")
-        for line_number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-            if match := _INCLUDE.match(line):
-                add(match[1], depth + 1, f"{file}:{line_number}")
-                lines.append(f"#line {line_number + 1} {number}")
-                continue
-            if match := _DEFINE.match(line):
-                known.add(match[1])
-            if match := _CONDITION.match(line):
-                condition = _DEFINED.sub("", match[1].split("//")[0])
-                if missing := [n for n in _NAME.findall(condition) if n not in known]:
-                    raise ShaderError(f"{file}:{line_number}: {missing[0]} is tested but not defined")
-            lines.append(line)
+        taken = 0
+        for index, kind, wanted in source.directives:
+            if kind == "include":
+                lines.extend(source.lines[taken:index])
+                add(wanted, depth + 1, f"{file}:{index + 1}")
+                lines.append(f"#line {index + 2} {number}")
+                taken = index + 1
+            elif kind == "define":
+                known.add(wanted)
+            elif missing := [n for n in wanted if n not in known]:
+                raise ShaderError(f"{file}:{index + 1}: {missing[0]} is tested but not defined")
+        lines.extend(source.lines[taken:])
 
     add(name, 0, name)
     return Source("\n".join(lines) + "\n", tuple(files))
@@ -184,11 +225,10 @@ class ShaderCache:
                 if file in seen:
                     continue
                 seen.add(file)
-                path = shader_folder() / file
-                for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
-                    if match := _INCLUDE.match(line):
-                        pending.append(match[1])
-                    found.update(_NAME.findall(line))
+                source = _read(file, shader_folder())
+                if source is not None:
+                    found |= source.names
+                    pending += [wanted for _, kind, wanted in source.directives if kind == "include"]
             self._names[name] = frozenset(found)
         return self._names[name]
 
