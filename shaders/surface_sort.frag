@@ -40,9 +40,18 @@ void main() {
 #if HAS_SPECULAR
     reflecting += texelFetch(gbuffer_specular, pixel, 0).rgb;
 #endif
-    vec3 travel;
-    vec3 irradiance = surface_irradiance(point, travel);
-    if (dot(reflecting, vec3(1.0)) * dot(irradiance, vec3(1.0)) <= 0.0) return;
+    float inverse_square;
+    vec3 travel = light_travel(0, point.position, inverse_square);
+    if (dot(point.normal, travel) >= 0.0 || dot(reflecting, vec3(1.0)) <= 0.0) return;
+#if HAS_SHAPING || HAS_COSINE
+    float cosine = dot(travel, lights[0].axis.xyz);
+#endif
+#if HAS_SHAPING
+    if (cosine < lights[0].cone.w) return;
+#endif
+#if HAS_COSINE
+    if (cosine <= 0.0) return;
+#endif
     gl_FragDepth = 1.0;
 #if IN_MEDIA && VOLUME_COUNT > 0
     if (passes_media(point.position, travel)) gl_FragDepth = 0.0;
