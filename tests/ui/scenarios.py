@@ -18,8 +18,8 @@ CTRL, SHIFT = imgui.Key.mod_ctrl, imgui.Key.mod_shift
 
 
 def passes(hand: Hand) -> set[str]:
-    """Kinds of the passes that the last change ran for its first picture."""
-    return {name.split(" ")[0] for name in hand.app.picture.executed}
+    """Kinds of the passes that the last change ran for its first picture, but for what goes with the march of a draft."""
+    return {name.split(" ")[0] for name in hand.app.picture.executed} - {"upsample"}
 
 
 def relit(hand: Hand) -> set[str]:
