@@ -6,8 +6,6 @@ Exit status: 0 done, 1 it could not be done (one line on stderr says what and wh
 from __future__ import annotations
 
 import argparse
-import atexit
-import gc
 import importlib
 import os
 import sys
@@ -80,8 +78,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Only small matrices are multiplied here: the threads that numpy makes for large ones take a part of the start,
     # and then of the processor that a software rasteriser draws with.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What is left when the process ends goes with it: searching it for garbage takes longer than a small frame.
-    atexit.register(gc.freeze)
     parsed, unknown = build_parser().parse_known_args(arguments)
     if unknown:
         # argparse itself would point to the help of previs, which lists no options of the command.
