@@ -29,6 +29,7 @@ STORE_MEMORY = 2**30
 LARGE_BLOCK = 2**26
 #: Bytes that are converted at a time of those that come in slabs.
 SLAB = 2**24
+_LEAVES = 4096  # averaged at a time
 #: What the fields are used for that may be held in bricks.
 SPARSE_ROLES = frozenset({"density"})
 #: A field is held in bricks where they take less than this part of the dense block's bytes, ...
@@ -303,15 +304,17 @@ def _reduced(grid, lo: np.ndarray, hi: np.ndarray, factor: int) -> np.ndarray:
     total = np.zeros((*shape, *channels), np.float32)
     background = np.asarray(grid.background, np.float32)
     # Inactive voxels count with the value they hold, as they do where nothing is reduced.
-    values = grid.leaf_values.astype(np.float32) - background
     edge = min(factor, 8)
     cells = 8 // edge
-    blocks = values.reshape(-1, cells, edge, cells, edge, cells, edge, *channels).sum(axis=(2, 4, 6))
     offsets = np.stack(np.meshgrid(*[np.arange(cells) * edge] * 3, indexing="ij"), axis=-1)
-    where = ((grid.leaf_origins[:, None, None, None, :] + offsets) // factor - first).reshape(-1, 3)
-    # Leaves reach beyond the active box; there they hold nothing.
-    held = np.all((where >= 0) & (where < shape), axis=1)
-    np.add.at(total, tuple(where[held].T), blocks.reshape(-1, *channels)[held])
+    for begin in range(0, len(grid.leaf_values), _LEAVES):
+        part = slice(begin, begin + _LEAVES)
+        values = grid.leaf_values[part].astype(np.float32) - background
+        blocks = values.reshape(-1, cells, edge, cells, edge, cells, edge, *channels).sum(axis=(2, 4, 6))
+        where = ((grid.leaf_origins[part, None, None, None, :] + offsets) // factor - first).reshape(-1, 3)
+        # Leaves reach beyond the active box; there they hold nothing.
+        held = np.all((where >= 0) & (where < shape), axis=1)
+        np.add.at(total, tuple(where[held].T), blocks.reshape(-1, *channels)[held])
     tiles = grid.tiles
     for origin, size, value in zip(tiles.origin, tiles.size, tiles.value, strict=True):
         _add_box(
