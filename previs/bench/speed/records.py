@@ -36,7 +36,7 @@ COLUMNS = {
         for frame, words in FRAMES.items()
         for end, which in (("", ", median"), ("_low", ", first quartile"), ("_high", ", third quartile"))
     },
-    "speedup": "whole frame: how many times faster than the plain renderer of equal error, processor time",
+    "speedup": "whole frame: how many times faster than the plain renderer of the default's error, processor time",
     "mean_relative_error": "mean absolute error over the mean of the truth's lit values, estimated from pixels",
     "mean_relative_error_low": "lower end of its 95 % interval",
     "mean_relative_error_high": "upper end",
