@@ -38,7 +38,8 @@ _AUTO_LIMIT = 32.0
 
 def preload() -> None:
     """Load OpenImageIO in a thread, for who is about to wait for a drawing and will write it then."""
-    threading.Thread(target=importlib.import_module, args=("OpenImageIO",), name="previs loading", daemon=True).start()
+    # No daemon: a library that is half loaded when the interpreter ends may not end well.
+    threading.Thread(target=importlib.import_module, args=("OpenImageIO",), name="previs loading").start()
 
 
 def check_format(path: str | PathLike[str]) -> str:
