@@ -18,7 +18,7 @@ CTRL, SHIFT = imgui.Key.mod_ctrl, imgui.Key.mod_shift
 
 
 def passes(hand: Hand) -> set[str]:
-    """Kinds of the passes that the last change ran for its first picture, but for what goes with the march of a draft."""
+    """Kinds of the passes that the last change ran for its first picture, but for what goes with a draft's march."""
     return {name.split(" ")[0] for name in hand.app.picture.executed} - {"upsample"}
 
 
