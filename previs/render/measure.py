@@ -41,7 +41,7 @@ def converged(settings: Settings, volumes: list[Volume]) -> Settings:
 
 def brute_force(settings: Settings, volumes: list[Volume]) -> Settings:
     """The settings, with light marched by brute force, and every view ray."""
-    found = settings.replace(transmittance="march", light_steps=0, march_divisor=1)
+    found = settings.replace(transmittance="march", light_steps=0, march_divisor=1, cull_lights=False)
     grids = [v for v in volumes if v.density is not None]
     # A march that is exact may be longer than a draw can be; the longest one that can be is taken then.
     cells = sum(steps_across(v, 0) for v in grids)
