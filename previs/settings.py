@@ -184,6 +184,12 @@ TABLE: tuple[Setting, ...] = (
         ("shadow_map", "transmittance_map", "surface", "march"),
     ),
     Setting(
+        "skip_empty",
+        True,
+        "Leap over parts of a volume that hold no density.",
+        ("march",),
+    ),
+    Setting(
         "shadow_map_size",
         2048,
         "Texels along the side of one face of a shadow map.",

@@ -1,8 +1,9 @@
 // Single scattering along a view ray, front to back [TFM11 eq. 4]:
 //   L = int T(0, t) [ sum_v sigma_s,v (sum_lights p_v L_i V T_light + ambient) + sigma_a,v L_e,v ] dt
-// Steps end on the bounds of the volumes and on the surface. Density is read at their ends and middle and integrated by Simpson's rule;
-// the exponential is taken analytically, and the light evaluated where the step's extinction has its centroid. An optically deep step
-// is cut into several, so that the front of a dense medium is resolved however few steps a ray takes.
+// Steps end on the bounds of the volumes and on the surface; what is empty is leapt over. Density is read at the ends and the middle of a
+// step and integrated by Simpson's rule. Inside a step both the view's and the light's transmittance are taken as exponentials, whose
+// product is integrated analytically. An optically deep step is cut into several, so that the front of a dense medium is resolved however
+// few steps a ray takes.
 
 #include "include/phase.glsl"
 #include "include/integrate.glsl"
@@ -33,16 +34,18 @@ uniform bool first_batch;
 
 // Optical depth from which a step is cut. At the front of a dense medium the parts are finer, in proportion to the depth behind the
 // front, because light that grazes it fades within a small part of the depth that the view does.
-const float DEEP_STEP = 0.25;
-const float FINEST_PART = 0.04;
+const float DEEP_STEP = 0.12;
+const float FINEST_PART = 0.06;
 const float DEEPEST_PART = 0.5;
-const float PART_OF_DEPTH = 0.3;
+const float PART_OF_DEPTH = 0.4;
+// How much of a light more or less is an edge, and to which part of a step its place is searched for.
+const float EDGE = 0.1;
+const float EDGE_PART = 0.04;
 uniform int most_cuts;  // in one draw
 int cuts = 0;
 
-// A long march is drawn in slices of its steps: each takes up the state that the one before it left.
-uniform int slice_begin;  // steps of the ray, counted from its first
-uniform int slice_end;
+// A long march is drawn in slices of so many iterations: each takes up the state that the one before it left.
+uniform int slice_length;
 #if RESUMES
 uniform bool first_slice;
 uniform sampler2D previous_scattered;
@@ -52,14 +55,54 @@ uniform sampler2D previous_emission;
 #endif
 #endif
 
+// What is grey is computed in one channel.
+#if CHROMATIC
+#define Colour vec3
+#define colour_of(c) (c)
+#else
+#define Colour float
+#define colour_of(c) (c).r
+#endif
+
 Ray ray;
-vec3 optical_depth = vec3(0.0);  // summed, and not the transmittance multiplied, so that a thin medium keeps its digits
+Colour optical_depth = Colour(0.0);  // summed, and not the transmittance multiplied, so that a thin medium keeps its digits
 vec3 transmittance = vec3(1.0);
 vec3 scattered = vec3(0.0);
 vec3 emitted = vec3(0.0);
 
 #if PROJECTIVE_STEPS
 #include "include/cone.glsl"
+
+// Uniform steps in the projection of the only spot [TFM11 section 4.2], inside its cone; what lies before and behind the cone is not lit
+// and takes one step each.
+vec2 cone;         // of the segment
+float cone_w[2];   // depth from the light where the ray enters the cone, and where it leaves it
+float cone_steps;
+
+void project_segment(float begin, float end, float longest) {
+    cone = cone_interval(begin, end);
+    if (cone.x >= cone.y) {
+        cone = vec2(end);
+        return;
+    }
+    vec4 row = vec4(lights[0].shadow_matrix[0][0].w, lights[0].shadow_matrix[0][1].w,
+                    lights[0].shadow_matrix[0][2].w, lights[0].shadow_matrix[0][3].w);
+    cone_w[0] = dot(row, vec4(ray.anchor + cone.x * ray.direction, 1.0));
+    cone_w[1] = dot(row, vec4(ray.anchor + cone.y * ray.direction, 1.0));
+    cone_steps = max(ceil((cone.y - cone.x) / longest), float(projective_minimum));
+}
+
+// End of a step that begins at s, and whether the light can reach it.
+float projected_end(float s, float end, out bool lit) {
+    lit = s >= cone.x && s < cone.y;
+    if (!lit) return s < cone.x ? cone.x : end;
+    float span = cone.y - cone.x;
+    float part = (s - cone.x) / span;
+    float place = part * cone_w[1] / (part * cone_w[1] + (1.0 - part) * cone_w[0]);
+    place = (floor(place * cone_steps + 0.5) + 1.0) / cone_steps;
+    if (place >= 1.0) return cone.y;
+    return cone.x + span * place * cone_w[0] / (place * cone_w[0] + (1.0 - place) * cone_w[1]);
+}
 #endif
 
 #if HAS_POINT
@@ -80,7 +123,7 @@ float mean_inverse_square(vec3 light, float radius, float s0, float s1) {
         mean = (1.0 / (square + a * a) + 4.0 / at_middle + 1.0 / (square + b * b)) / 6.0;
     } else {
         float across_distance = sqrt(square);
-        mean = (atan(b / across_distance) - atan(a / across_distance)) / (across_distance * h);
+        mean = atan(h * across_distance, square + a * b) / (across_distance * h);
     }
     return radius > 0.0 ? min(mean, 1.0 / (radius * radius)) : mean;
 }
@@ -88,15 +131,18 @@ float mean_inverse_square(vec3 light, float radius, float s0, float s1) {
 
 // Whether the edge of a light's cone is a jump, and how much of the light is inside it at a position.
 bool has_hard_cone(int i) {
-#if HAS_SHAPING
+#if HAS_HARD_CONES
     return lights[i].focus_tint.w > 0.5 && lights[i].cone.x >= lights[i].cone.y;
 #else
     return false;
 #endif
 }
 
-float reach(int i, vec3 position, bool hard_cone) {
-#if HAS_SHAPING
+#if HAS_SHADOW_MAPS || HAS_HARD_CONES
+// How much of light i passes the meshes and is inside its cone, where that has a hard edge, at a place on the ray.
+float seen_at(int i, float s, bool hard_cone) {
+    vec3 position = ray.anchor + s * ray.direction;
+#if HAS_HARD_CONES
     if (hard_cone) {
         vec3 offset = position - lights[i].position.xyz;
         if (dot(offset, lights[i].axis.xyz) < lights[i].cone.w * length(offset)) return 0.0;
@@ -104,27 +150,7 @@ float reach(int i, vec3 position, bool hard_cone) {
 #endif
     return visibility(i, position);
 }
-
-// Share of a step that light i reaches, past the meshes and inside a hard cone. These edges are the only discontinuities along a ray:
-// where the ends of the step differ they are searched for, so that their place is not rounded to whole steps, which would show as bands.
-float lit_share(int i, float s0, float s1, bool hard_cone) {
-#if HAS_SHADOW_MAPS || HAS_SHAPING
-    float a = reach(i, ray.anchor + s0 * ray.direction, hard_cone);
-    float b = reach(i, ray.anchor + s1 * ray.direction, hard_cone);
-    if (a == b) return a;
-    float level = 0.5 * (a + b);
-    float lo = 0.0;
-    float hi = 1.0;
-    for (int n = 0; n < 5; ++n) {
-        float middle = 0.5 * (lo + hi);
-        float seen = reach(i, ray.anchor + mix(s0, s1, middle) * ray.direction, hard_cone);
-        if ((seen > level) == (a > level)) lo = middle; else hi = middle;
-    }
-    return mix(b, a, 0.5 * (lo + hi));
-#else
-    return 1.0;
 #endif
-}
 
 float strongest(vec3 c) {
     return max(max(c.r, c.g), c.b);
@@ -134,131 +160,77 @@ bool is_opaque() {
     return strongest(transmittance) < opacity_cutoff;
 }
 
-// Densities of the volumes that a place on the ray lies in, 0 for the others.
-void densities_at(float s, bool inside[VOLUME_COUNT], out float density[VOLUME_COUNT]) {
-    vec3 position = ray.anchor + s * ray.direction;
-    for (int v = 0; v < VOLUME_COUNT; ++v) density[v] = inside[v] ? max(density_at(v, position), 0.0) : 0.0;
+// Where the ray runs in the unit boxes of the volumes.
+#if VOLUME_COUNT <= 4
+vec3 box_from[VOLUME_COUNT];
+vec3 box_along[VOLUME_COUNT];
+
+vec3 box_at(int v, float s) {
+    return box_from[v] + s * box_along[v];
+}
+#else
+vec3 box_at(int v, float s) {
+    return (volumes[v].world_to_box * vec4(ray.anchor + s * ray.direction, 1.0)).xyz;
+}
+#endif
+
+#if SKIP_EMPTY && HAS_GRIDS
+// Cells that the ray crosses per unit of its length, and its inverse.
+vec3 cells_along(int v) {
+#if VOLUME_COUNT <= 4
+    vec3 along = box_along[v] * volumes[v].cells_scale.xyz;
+#else
+    vec3 along = mat3(volumes[v].world_to_box) * ray.direction * volumes[v].cells_scale.xyz;
+#endif
+    return mix(along, vec3(1e-20), lessThan(abs(along), vec3(1e-20)));
 }
 
-// Extinction of all volumes together, in the strongest of the channels that still transmit.
-float visible_extinction(float density[VOLUME_COUNT]) {
-    vec3 extinction = vec3(0.0);
-    for (int v = 0; v < VOLUME_COUNT; ++v) extinction += density[v] * volumes[v].strength.rgb;
-    return strongest(extinction * vec3(greaterThan(transmittance, vec3(max(opacity_cutoff, 1e-7)))));
-}
+#if VOLUME_COUNT <= 4
+vec3 cell_length[VOLUME_COUNT];  // of the ray from face to face, negative against an axis
+#define CELL_LENGTH(v) cell_length[v]
+#else
+#define CELL_LENGTH(v) (1.0 / cells_along(v))
+#endif
 
-// What lies between s0 and s1, where the volumes have the densities `from`, half way `between`, and `to`.
-void march_step(float s0, float s1, float from[VOLUME_COUNT], float between[VOLUME_COUNT], float to[VOLUME_COUNT], bool lit) {
-    float h = s1 - s0;
-    vec3 middle = ray.anchor + (0.5 * (s0 + s1)) * ray.direction;
-    vec3 extinction = vec3(0.0);
-    vec3 rise = vec3(0.0);
-    vec3 scattering[VOLUME_COUNT];
-    vec3 source = vec3(0.0);
-    vec3 glow = vec3(0.0);
+// How far a ray at s can go on before any of the volumes that it is in may have density.
+float empty_length(float s, bool inside[VOLUME_COUNT]) {
+    float clear = 1e30;
     for (int v = 0; v < VOLUME_COUNT; ++v) {
-        scattering[v] = vec3(0.0);
-        float density = (from[v] + 4.0 * between[v] + to[v]) * (1.0 / 6.0);
-        if (density <= 0.0) continue;
-        vec3 sigma_t = density * volumes[v].strength.rgb;
-        extinction += sigma_t;
-        rise += (to[v] - from[v]) * volumes[v].strength.rgb;
-        scattering[v] = sigma_t * volumes[v].albedo.rgb;
-#if HAS_AMBIENT
-        source += scattering[v] * ambient;
-#endif
-#if HAS_EMISSION
-        glow += (sigma_t - scattering[v]) * emitted_radiance(v, middle);
-#endif
+        vec3 cell = box_at(v, s) * volumes[v].cells_scale.xyz;
+        float found = density_cell(v, cell);
+        // To the first face of the cube of cells that are empty too.
+        vec3 way = CELL_LENGTH(v) * (floor(cell) + 0.5 - cell) - abs(CELL_LENGTH(v)) * (found + 0.5);
+        // A little over the border, so that rounding does not leave the ray before it.
+        vec3 size = abs(CELL_LENGTH(v));
+        float length_ = min(min(way.x, way.y), way.z) + 1e-3 * min(min(size.x, size.y), size.z);
+        if (inside[v]) clear = min(clear, found < 0.0 && is_grid(v) ? length_ : 0.0);
     }
-    if (strongest(extinction) <= 0.0) return;
-    if (!first_batch) {
-        source = vec3(0.0);
-        glow = vec3(0.0);
-    }
-    vec3 depth = extinction * h;
-#if HAS_LIGHTS
-    if (lit) {
-        float mean_depth = dot(depth, vec3(1.0 / 3.0));
-        // Of a linear density the centroid is off the middle by a twelfth of its relative rise.
-        float middle_of_loss = extinction_centroid(mean_depth) + dot(rise, vec3(1.0)) / (12.0 * dot(extinction, vec3(1.0)));
-        float event = s0 + h * clamp(middle_of_loss, 0.0, 1.0);
-        vec3 position = ray.anchor + event * ray.direction;
-        int listed;
-        int first_listed = light_first(position, listed);
-        for (int n = first_listed; n < first_listed + listed; ++n) {
-            int i = listed_light(n);
-            float inverse_square;
-            vec3 travel = light_travel(i, position, inverse_square);
-#if HAS_POINT
-            if (lights[i].position.w > 0.5)
-                inverse_square = mean_inverse_square(lights[i].position.xyz, lights[i].strength.w, s0, s1);
+    return clear;
+}
 #endif
-            bool hard_cone = has_hard_cone(i);
-            vec3 arriving = lights[i].strength.rgb * shaping(i, travel, !hard_cone) * inverse_square;
-            if (strongest(arriving) <= 0.0) continue;
-            float seen = lit_share(i, s0, s1, hard_cone);
-            if (seen <= 0.0) continue;
-            float cosine = dot(travel, -ray.direction);
-            vec3 turned = vec3(0.0);
-            for (int v = 0; v < VOLUME_COUNT; ++v)
-                if (scattering[v] != vec3(0.0)) turned += scattering[v] * phase(volumes[v].phase, cosine);
-            source += turned * arriving * (seen * light_transmittance(i, position, travel));
-        }
-    }
-#endif
+
+// The strongest of the channels that still transmit.
+float strongest_visible(Colour c) {
 #if CHROMATIC
-    vec3 mean = mean_transmittance(depth);
+    return strongest(c * vec3(greaterThan(transmittance, vec3(max(opacity_cutoff, 1e-7)))));
 #else
-    vec3 mean = vec3(mean_transmittance(depth.r));
-#endif
-    vec3 weight = transmittance * mean * h;
-    scattered += source * weight;
-#if HAS_EMISSION
-    emitted += glow * weight;
-#endif
-    optical_depth += depth;
-#if CHROMATIC
-    transmittance = exp(-optical_depth);
-#else
-    transmittance = vec3(exp(-optical_depth.r));
+    return c;
 #endif
 }
 
-// A step that is cut where it is deep. `density` is that at s0, and becomes that at s1.
-void march_between(float s0, float s1, bool inside[VOLUME_COUNT], inout float density[VOLUME_COUNT], bool lit) {
-    float last[VOLUME_COUNT];
-    densities_at(s1, inside, last);
-    for (;;) {
-        float rest = s1 - s0;
-        float next = s1;
-        float between[VOLUME_COUNT];
-        densities_at(0.5 * (s0 + s1), inside, between);
-        float extinction0 = visible_extinction(density);
-        float extinction1 = visible_extinction(between);
-        if ((extinction0 + 4.0 * extinction1 + visible_extinction(last)) * rest > 6.0 * DEEP_STEP && cuts < most_cuts) {
-            // Where an extinction that is linear to the middle has summed to as much as a part may have.
-            float depth = clamp(PART_OF_DEPTH * -log(strongest(transmittance)), FINEST_PART, DEEPEST_PART);
-            float square = extinction0 * extinction0 + 4.0 * depth * (extinction1 - extinction0) / rest;
-            float root = extinction0 + sqrt(max(square, 0.0));
-            float part = root > 0.0 ? 2.0 * depth / root : 0.5 * rest;
-            part = square < 0.0 ? 0.5 * rest : min(part, 0.5 * rest);
-            next = s0 + part;
-            ++cuts;
-        }
-        float there[VOLUME_COUNT];
-        if (next < s1) {
-            densities_at(0.5 * (s0 + next), inside, between);
-            densities_at(next, inside, there);
-        } else {
-            there = last;
-        }
-        march_step(s0, next, density, between, there, lit);
-        density = there;
-        s0 = next;
-        if (s0 >= s1 || is_opaque()) break;
-    }
+// Optical depth that a part of a deep step may have.
+float part_depth() {
+    return clamp(PART_OF_DEPTH * strongest(vec3(optical_depth)), FINEST_PART, DEEPEST_PART);
 }
+
+// How much of each light is seen where the next step begins, and where it ends: the end of one is the beginning of the next. With lists a
+// light may be left out by one step and not by the next.
+#define SEES_EDGES (HAS_LIGHTS && (HAS_SHADOW_MAPS || HAS_HARD_CONES))
+#define KEEPS_ENDS (SEES_EDGES && !HAS_LIGHT_LISTS)
+#if KEEPS_ENDS
+float light_seen[LIGHT_CAPACITY];
+float light_seen_end[LIGHT_CAPACITY];
+#endif
 
 void main() {
     vec2 position = picture_position();
@@ -271,16 +243,23 @@ void main() {
     visible.y = min(visible.y, texelFetch(gbuffer_normal_distance, geometry_texel(), 0).w);
 #endif
     vec2 spans[VOLUME_COUNT];
-    float cursor = visible.y;
+    float s = visible.y;
     float end = visible.x;
     for (int v = 0; v < VOLUME_COUNT; ++v) {
         vec2 span = volume_interval(v, ray.anchor, ray.direction);
         span = vec2(max(span.x, visible.x), min(span.y, visible.y));
         spans[v] = span;
         if (span.x < span.y) {
-            cursor = min(cursor, span.x);
+            s = min(s, span.x);
             end = max(end, span.y);
         }
+#if VOLUME_COUNT <= 4
+        box_from[v] = (volumes[v].world_to_box * vec4(ray.anchor, 1.0)).xyz;
+        box_along[v] = mat3(volumes[v].world_to_box) * ray.direction;
+#if SKIP_EMPTY && HAS_GRIDS
+        cell_length[v] = 1.0 / cells_along(v);
+#endif
+#endif
     }
 #if RESUMES
     ivec2 pixel = ivec2(gl_FragCoord.xy);
@@ -292,92 +271,185 @@ void main() {
     }
     // Every batch of lights marches from the front again.
     if (!first_slice) {
-        transmittance = texelFetch(previous_transmittance, pixel, 0).rgb;
-        optical_depth = -log(max(transmittance, 1e-38));
+        vec4 reached = texelFetch(previous_transmittance, pixel, 0);
+        transmittance = reached.rgb;
+        s = reached.a;
+        optical_depth = -log(max(colour_of(transmittance), 1e-38));
     }
 #endif
     bool inside[VOLUME_COUNT];
     float density[VOLUME_COUNT];  // where the next step begins
-    bool known = false;           // whether it has been read
-    float next = cursor;  // end of the segment: between two neighbouring bounds the same volumes are marched through
-    int count = 0;        // steps of the segment
-    int n = 0;            // the segment's next step
-#if PROJECTIVE_STEPS
-    vec2 cone;
-    int inner;
-    float w0, w1;
-#else
-    float h;
-#endif
-    // One loop over the steps of all segments. Steps nested in segments would let the pixels that a processor runs side by side,
-    // each in another segment, take many more iterations together than any takes alone.
-    for (int number = 0; number < slice_end; ++number, ++n) {
-        if (is_opaque()) break;
-        while (n == count && next < end) {
-            cursor = next;
+    for (int v = 0; v < VOLUME_COUNT; ++v) density[v] = 0.0;
+    bool known = false;   // whether that, and the light there, has been found
+    float next = s;       // end of the segment: between two neighbouring bounds the same volumes are marched through
+    float longest = 1e30; // step of the segment
+    float tried = 1e30;   // length of the next step at the most
+    // One iteration after the other, whatever it is for: a step, one that is tried again shorter, a leap, the beginning of a segment. A
+    // processor runs many pixels side by side and skips nothing by a branch: what stands in the loop once is paid for once.
+    for (int n = 0; n < slice_length; ++n) {
+        if (is_opaque() || s >= end) break;
+        if (s >= next) {
             next = end;
-            float length_of_step = 1e30;
+            longest = 1e30;
             bool any_inside = false;
             for (int v = 0; v < VOLUME_COUNT; ++v) {
-                inside[v] = false;
-                if (spans[v].x >= spans[v].y) continue;
-                if (spans[v].x > cursor) next = min(next, spans[v].x);
-                if (spans[v].y > cursor) next = min(next, spans[v].y);
-                if (spans[v].x <= cursor && spans[v].y > cursor) {
-                    inside[v] = any_inside = true;
-                    length_of_step = min(length_of_step, volumes[v].atlas_offset.w);
+                inside[v] = spans[v].x < spans[v].y && spans[v].x <= s && spans[v].y > s;
+                if (spans[v].x < spans[v].y && spans[v].x > s) next = min(next, spans[v].x);
+                if (inside[v]) {
+                    next = min(next, spans[v].y);
+                    any_inside = true;
+                    longest = min(longest, volumes[v].atlas_offset.w);
                 }
             }
-            count = 0;
             known = false;
-            if (any_inside) {
+            tried = 1e30;
 #if PROJECTIVE_STEPS
-                // Uniform steps in the projection of the only spot [TFM11 section 4.2], inside its cone; what lies before and
-                // behind the cone is not lit and takes one step each.
-                cone = cone_interval(cursor, next);
-                bool lit = cone.x < cone.y;
-                if (!lit) cone = vec2(cursor);
-                vec4 row = vec4(lights[0].shadow_matrix[0][0].w, lights[0].shadow_matrix[0][1].w,
-                                lights[0].shadow_matrix[0][2].w, lights[0].shadow_matrix[0][3].w);
-                w0 = dot(row, vec4(ray.anchor + cone.x * ray.direction, 1.0));
-                w1 = dot(row, vec4(ray.anchor + cone.y * ray.direction, 1.0));
-                inner = lit ? max(int(ceil((cone.y - cone.x) / length_of_step)), projective_minimum) : 0;
-                count = inner + 2;
-#else
-                count = int(ceil((next - cursor) / length_of_step));
-                h = (next - cursor) / float(count);
+            project_segment(s, next, longest);
 #endif
+            if (!any_inside) {
+                s = next;
+                continue;
             }
-            n = clamp(slice_begin - number, 0, count);
-            number += n;
         }
-        if (n == count) break;
-        float s0, s1;
+        float rest = next - s;
+#if SKIP_EMPTY && HAS_GRIDS
+        float clear = empty_length(s, inside);
+        if (clear > 0.0) {
+            s = clear < rest ? s + clear : next;
+            known = false;
+            tried = 1e30;
+            rest = next - s;
+        }
+#endif
+        // What is not known where a step begins is found by one of no length.
         bool lit = true;
 #if PROJECTIVE_STEPS
-        if (n == 0 || n == count - 1) {
-            s0 = n == 0 ? cursor : cone.y;
-            s1 = n == 0 ? cone.x : next;
-            if (s1 <= s0) continue;
-            lit = false;
-        } else {
-            float f0 = float(n - 1) / float(inner);
-            float f1 = float(n) / float(inner);
-            float span = cone.y - cone.x;
-            s0 = cone.x + span * f0 * w0 / (f0 * w0 + (1.0 - f0) * w1);
-            s1 = cone.x + span * f1 * w0 / (f1 * w0 + (1.0 - f1) * w1);
-        }
+        float s1 = projected_end(s, next, lit);
 #else
-        s0 = cursor + float(n) * h;
-        s1 = cursor + float(n + 1) * h;
+        float parts = ceil(rest / longest - 1e-3);
+        float s1 = parts > 1.0 ? s + rest / parts : next;
 #endif
-        if (!known) densities_at(s0, inside, density);
+        if (tried < s1 - s && cuts < most_cuts) {
+            s1 = s + tried;
+            ++cuts;
+        }
+        if (!known) s1 = s;
+        float h = s1 - s;
+
+        float to[VOLUME_COUNT];
+        Colour extinction = Colour(0.0);
+        Colour rise = Colour(0.0);
+        float extinction0 = 0.0;
+        float extinction1 = 0.0;
+        Colour extinction_end = Colour(0.0);
+        vec3 scattering[VOLUME_COUNT];
+        vec3 source = vec3(0.0);
+        vec3 glow = vec3(0.0);
+        for (int v = 0; v < VOLUME_COUNT; ++v) {
+            float between = inside[v] ? max(density_in_box(v, box_at(v, 0.5 * (s + s1))), 0.0) : 0.0;
+            to[v] = inside[v] ? max(density_in_box(v, box_at(v, s1)), 0.0) : 0.0;
+            float mean_density = (density[v] + 4.0 * between + to[v]) * (1.0 / 6.0);
+            Colour strength = colour_of(volumes[v].strength.rgb);
+            Colour sigma_t = mean_density * strength;
+            extinction += sigma_t;
+            rise += (to[v] - density[v]) * strength;
+            extinction_end += to[v] * strength;
+            extinction0 += density[v] * strongest_visible(strength);
+            extinction1 += between * strongest_visible(strength);
+            scattering[v] = sigma_t * volumes[v].albedo.rgb;
+#if HAS_AMBIENT
+            source += scattering[v] * ambient;
+#endif
+#if HAS_EMISSION
+            glow += (sigma_t - scattering[v]) * emitted_radiance(v, ray.anchor + (0.5 * (s + s1)) * ray.direction);
+#endif
+        }
+        bool again = false;
+        float seen_depth = strongest_visible(extinction) * h;
+        float wanted = 1e30;
+        if (seen_depth > DEEP_STEP && cuts < most_cuts && known) {
+            // Where an extinction that is linear to the middle has summed to as much as a part may have.
+            float depth = part_depth();
+            float square = extinction0 * extinction0 + 4.0 * depth * (extinction1 - extinction0) / h;
+            float root = extinction0 + sqrt(max(square, 0.0));
+            float part = root > 0.0 ? 2.0 * depth / root : 0.5 * h;
+            wanted = square < 0.0 ? 0.5 * h : min(part, 0.5 * h);
+            again = seen_depth > 1.5 * depth;
+        }
+        if (!first_batch) {
+            source = vec3(0.0);
+            glow = vec3(0.0);
+        }
+        Colour depth = extinction * h;
+        // Loss of the view over the step, of which both its transmittance and the mean inside it follow.
+        Colour mean = mean_transmittance(depth);
+        vec3 gathered = source * mean;
+#if HAS_LIGHTS
+        // Of a linear density the centroid is off the middle by a twelfth of its relative rise.
+        float shift = clamp(dot(vec3(rise), vec3(1.0)) / max(12.0 * dot(vec3(extinction), vec3(1.0)), 1e-30), -0.5, 0.5);
+        float event = s + h * clamp(extinction_centroid(dot(vec3(depth), vec3(1.0 / 3.0))) + shift, 0.0, 1.0);
+        vec3 position = ray.anchor + event * ray.direction;
+        int listed;
+        int first_listed = light_first(position, listed);
+        for (int n = first_listed; n < first_listed + listed; ++n) {
+            int i = listed_light(n);
+            float inverse_square;
+            vec3 travel = light_travel(i, position, inverse_square);
+#if HAS_POINT
+            if (lights[i].position.w > 0.5)
+                inverse_square = mean_inverse_square(lights[i].position.xyz, lights[i].strength.w, s, s1);
+#endif
+            bool hard_cone = has_hard_cone(i);
+            vec3 arriving = lights[i].strength.rgb * shaping(i, travel, !hard_cone) * inverse_square;
+            float seen = lit ? 1.0 : 0.0;
+#if SEES_EDGES
+            float seen_end = seen_at(i, s1, hard_cone);
+#if KEEPS_ENDS
+            float seen_begin = light_seen[i];
+            light_seen_end[i] = seen_end;
+#else
+            float seen_begin = seen_at(i, s, hard_cone);
+#endif
+            seen *= 0.5 * (seen_begin + seen_end);
+            // Edges of shadows and of hard cones are the only discontinuities along a ray: they are searched for, so that their place is
+            // not rounded to whole steps, which would show as bands.
+            if (abs(seen_begin - seen_end) > EDGE && h > EDGE_PART * longest && cuts < most_cuts && known) {
+                again = true;
+                wanted = min(wanted, 0.5 * h);
+            }
+#endif
+            float cosine = dot(travel, -ray.direction);
+            vec3 turned = vec3(0.0);
+            for (int v = 0; v < VOLUME_COUNT; ++v) turned += scattering[v] * phase(volumes[v].phase, cosine);
+            gathered += turned * arriving * (seen * light_transmittance(i, position, travel)) * mean;
+        }
+#endif
+        if (again) {
+            tried = wanted;
+            ++cuts;
+            continue;
+        }
+        if (known) {
+            scattered += gathered * transmittance * h;
+#if HAS_EMISSION
+            emitted += glow * transmittance * (mean * h);
+#endif
+            optical_depth += depth;
+            transmittance = vec3(exp(-optical_depth));
+            // Where whole steps are deep the next part is as deep as a part may be, by the extinction here.
+            float ahead = strongest_visible(extinction_end);
+            tried = ahead * longest > DEEP_STEP ? min(2.0 * h, part_depth() / ahead) : 2.0 * h;
+        }
+        s = s1;
+        density = to;
         known = true;
-        march_between(s0, s1, inside, density, lit);
+#if KEEPS_ENDS
+        for (int i = 0; i < light_count; ++i) light_seen[i] = light_seen_end[i];
+#endif
     }
     if (is_opaque()) transmittance = vec3(0.0);
     out_scattered = vec4(scattered, visible.y);  // and how far the ray sees, for upsample.frag
-    out_transmittance = vec4(transmittance, 1.0);
+    out_transmittance = vec4(transmittance, s);
 #if HAS_EMISSION
     out_emission = vec4(emitted, 1.0);
 #endif

@@ -9,6 +9,7 @@ import numpy as np
 from ..description import Volume
 from ..errors import PrevisError
 from ..settings import Settings
+from .cells import cell_counts, cell_edge
 from .fields import field_dims
 from .method import method_of
 from .planned import DeviceLimits, counted
@@ -68,20 +69,27 @@ def march_draws(
     # A power of two, as the blocks are sized in powers of two: few shader variants for many numbers of lights.
     size = 2 ** int(math.log2(max(most, 1)))
     batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
-    # A ray takes no more steps than it would in every volume apart, and one more for each of its segments; in a spot's
-    # projection a segment has a least number of steps.
+    # A ray takes no more steps than it would in every volume apart, and two more for each of its segments, and leaps no
+    # more often than it crosses cells; in a spot's projection a segment has a least number of steps.
     segments = 2 * volumes
     steps = sum(steps_across(v, settings.steps) for v in records) + segments * 3
+    if settings.skip_empty:
+        steps += sum(sum(cells_across(v)) for v in grids)
     if not grids:
         steps += segments * projective_minimum(settings)
-    # A step may begin a segment, behind a gap; finding the first one passes all that lie before it.
     per_batch = max(len(b) for b in batches)
     per_step = 3 * (volumes + 1) + (per_batch if longest is None else min(longest, per_batch)) * per_light
-    # Rather shorter slices than uncut steps; a slice takes one step at the least.
+    # Rather shorter slices than uncut steps; a slice takes one step at the least besides those that are cut.
     cuts = min(MOST_CUTS, 3 * LOOP_BUDGET // (4 * per_step))
-    length = max(1, (LOOP_BUDGET - segments * (volumes + 2)) // per_step - cuts)
+    length = max(1, LOOP_BUDGET // per_step - cuts)
     slices = tuple(range(i, min(i + length, steps)) for i in range(0, steps, length))
     return batches, slices, cuts
+
+
+def cells_across(volume: Volume) -> tuple[int, ...]:
+    """Cells along each axis of a grid's block."""
+    size = tuple(int(n) for n in field_dims(volume.density) + 2)
+    return cell_counts(size, cell_edge(size))
 
 
 def _steps_to_light(volume: Volume, settings: Settings) -> int:

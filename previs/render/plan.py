@@ -261,6 +261,7 @@ def _defines(volumes, lights, maps, batch: int, meshes, ambient, settings: Setti
     homogeneous = all(v.density is None for v in volumes)
     cone = [p for p in lights if p.shadow is not None and p.shadow.kind == "perspective"]
     kinds = {p.record.kind for p in lights}
+    shapings = [p.record.shaping for p in lights if p.record.shaping is not None]
     emitting = [v for v in volumes if v.medium.emits]
     return {
         "VOLUME_COUNT": len(volumes),
@@ -268,9 +269,14 @@ def _defines(volumes, lights, maps, batch: int, meshes, ambient, settings: Setti
         "HAS_LIGHTS": bool(lights),
         "HAS_POINT": bool(kinds - {"distant"}),
         "HAS_SHAPING": any(p.record.shaping is not None for p in lights),
+        "HAS_HARD_CONES": any(s.cone_softness <= 0.0 and s.cone_angle < 180.0 for s in shapings),
+        "HAS_SOFT_CONES": any(s.cone_softness > 0.0 and s.cone_angle < 180.0 for s in shapings),
+        "HAS_FOCUS": any(s.focus > 0.0 for s in shapings),
         "HAS_COSINE": bool(kinds & {"disk", "rect"}),
         "HAS_SHADOW_MAPS": any(p.shadow is not None for p in lights),
+        "HAS_CUBES": any(p.shadow is not None and p.shadow.kind == "cube" for p in lights),
         "HAS_MESHES": bool(meshes),
+        "SKIP_EMPTY": settings.skip_empty and not homogeneous,
         "HAS_GRIDS": any(v.density is not None for v in volumes),
         "HAS_SHAPES": any(v.shape is not None for v in volumes),
         "HAS_AMBIENT": any(a > 0.0 for a in ambient),

@@ -141,7 +141,7 @@ def pack_lights(plan: Plan, batch: range, capacity: int) -> bytes:
             softness = min(max(shaping.cone_softness, 0.0), 1.0)
             cosine = -2.0 if shaping.cone_angle >= 180.0 else math.cos(outer)
             row[3] = ((1.0 - softness) * outer, outer, shaping.focus, cosine)
-            row[4, :3], row[4, 3] = shaping.focus_tint, 1.0
+            row[4, :3], row[4, 3] = shaping.focus_tint, 1.0 + math.sin(outer)
         if not light.casts_shadows:
             row[5, 0] = -1.0
         elif (fit := planned.shadow) is not None:

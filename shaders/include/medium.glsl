@@ -99,16 +99,20 @@ bool is_grid(int v) {
 #endif
 }
 
-// Density at a point inside the volume's interval.
-float density_at(int v, vec3 position) {
+// Density at a place in the unit box of the volume.
+float density_in_box(int v, vec3 box) {
 #if HAS_GRIDS
     if (is_grid(v)) {
-        vec3 box = clamp((volumes[v].world_to_box * vec4(position, 1.0)).xyz, 0.0, 1.0);
-        return field_density(box, volumes[v].atlas_scale, volumes[v].atlas_offset.xyz, volumes[v].bricks_scale,
+        return field_density(clamp(box, 0.0, 1.0), volumes[v].atlas_scale, volumes[v].atlas_offset.xyz, volumes[v].bricks_scale,
                              volumes[v].bricks_shift.xyz, volumes[v].bricks_offset.xyz);
     }
 #endif
     return 1.0;
+}
+
+// Density at a point inside the volume's interval.
+float density_at(int v, vec3 position) {
+    return density_in_box(v, (volumes[v].world_to_box * vec4(position, 1.0)).xyz);
 }
 
 #if HAS_GRIDS
@@ -120,8 +124,8 @@ vec3 voxel_intervals(int v) {
 // What is known of the density of grid v in one of its cells, given in cells from the corner of the box. Positive: no density in it has
 // a larger magnitude. Negative: it is empty, and so are all cells that are fewer than so many cells away along every axis.
 float density_cell(int v, vec3 cell) {
-    vec3 last = ceil(volumes[v].cells_scale.xyz) - 1.0;
-    float found = texelFetch(density_cells, ivec3(clamp(floor(cell), vec3(0.0), last) + volumes[v].cells_offset.xyz), 0).r;
+    vec3 inside = clamp(cell, vec3(0.0), volumes[v].cells_scale.xyz - 1e-4);
+    float found = texelFetch(density_cells, ivec3(inside + volumes[v].cells_offset.xyz), 0).r;
     return found > 0.0 ? found * volumes[v].atlas_scale.w : found;
 }
 #endif

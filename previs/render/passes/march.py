@@ -56,8 +56,7 @@ def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iter
                     opacity_cutoff=plan.settings.opacity_cutoff,
                     projective_minimum=projective_minimum(plan.settings),
                     most_cuts=plan.cuts,
-                    slice_begin=part.start,
-                    slice_end=part.stop,
+                    slice_length=len(part) + plan.cuts,
                     first_slice=part is plan.slices[0],
                 )
                 if plan.meshes:
