@@ -63,8 +63,9 @@ def plan_shadows(
     bounds = (casters.min(axis=0), casters.max(axis=0)) if len(casters) else None
     receivers = np.concatenate([casters, media])
     shapes = tuple((e.record.path, e.versions["shape"]) for e in meshes)
-    # One object stands for all that is around the lights, so that a key is not as long as the scene.
-    around = ("around", shapes, tuple((e.versions["density"], e.versions["placement"]) for e in volumes))
+    # One object stands for all that is around the lights, so that a key is not as long as the scene. Of media it is
+    # their bounds alone, which a sequence of fields may keep.
+    around = ("around", shapes, media.tobytes())
     surroundings = FITS.get(around, object)
     fits = [
         FITS.get(
