@@ -166,9 +166,9 @@ def packings(monkeypatch) -> list[tuple[str, int, str]]:
     made = []
     pack = fields.pack
 
-    def counted(f, memory, limit, components):
+    def counted(f, memory, limit, components, sparse):
         made.append((f.key, components, threading.current_thread().name))
-        return pack(f, memory, limit, components)
+        return pack(f, memory, limit, components, sparse)
 
     monkeypatch.setattr(fields, "pack", counted)
     return made
