@@ -13,6 +13,8 @@ import numpy as np
 REFERENCE_TEMPERATURE = 6500.0
 #: Below the first the glow is invisible; above the second the colour no longer changes.
 TABLE_RANGE = (500.0, 20000.0)
+#: Entries of the table that the renderer holds: as four floats each they fill the smallest uniform block there may be.
+TABLE_SIZE = 1024
 
 _SECOND_RADIATION_CONSTANT = 1.438776877e-2  # h c / k, metre kelvin
 _XYZ_TO_REC709 = np.array(
@@ -69,7 +71,7 @@ def radiance(kelvin: np.ndarray) -> np.ndarray:
     return chromaticity(kelvin) * level[..., None]
 
 
-def table(size: int = 1024) -> np.ndarray:
+def table(size: int = TABLE_SIZE) -> np.ndarray:
     """`radiance` at `size` temperatures spaced evenly over `TABLE_RANGE`, float32 (size, 3); 0 at the cold end."""
     values = radiance(np.linspace(*TABLE_RANGE, size))
     values[0] = 0.0

@@ -22,7 +22,7 @@ layout(location = 1) out vec4 out_transmittance;
 layout(location = 2) out vec4 out_emission;
 #endif
 
-#if HAS_MESHES
+#if HAS_MESHES && !RESUMES
 uniform sampler2D gbuffer_normal_distance;
 #endif
 uniform vec3 ambient;
@@ -48,7 +48,7 @@ int cuts = 0;
 uniform int slice_length;
 #if RESUMES
 uniform bool first_slice;
-uniform sampler2D previous_scattered;
+uniform sampler2D previous_scattered;  // a: how far the ray sees; in the first draw the G-buffer's normal and distance
 uniform sampler2D previous_transmittance;
 #if HAS_EMISSION
 uniform sampler2D previous_emission;
@@ -239,7 +239,15 @@ void main() {
 #endif
     ray = camera_ray(position);
     vec2 visible = camera_range(ray);
+#if RESUMES
+    bool resumed = !(first_batch && first_slice);
+    ivec2 pixel = ivec2(gl_FragCoord.xy);
+    vec4 previous = texelFetch(previous_scattered, resumed ? pixel : geometry_texel(), 0);
+    if (resumed) scattered = previous.rgb;
 #if HAS_MESHES
+    visible.y = min(visible.y, previous.a);
+#endif
+#elif HAS_MESHES
     visible.y = min(visible.y, texelFetch(gbuffer_normal_distance, geometry_texel(), 0).w);
 #endif
     vec2 spans[VOLUME_COUNT];
@@ -262,13 +270,9 @@ void main() {
 #endif
     }
 #if RESUMES
-    ivec2 pixel = ivec2(gl_FragCoord.xy);
-    if (!(first_batch && first_slice)) {
-        scattered = texelFetch(previous_scattered, pixel, 0).rgb;
 #if HAS_EMISSION
-        emitted = texelFetch(previous_emission, pixel, 0).rgb;
+    if (resumed) emitted = texelFetch(previous_emission, pixel, 0).rgb;
 #endif
-    }
     // Every batch of lights marches from the front again.
     if (!first_slice) {
         vec4 reached = texelFetch(previous_transmittance, pixel, 0);

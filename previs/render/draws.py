@@ -54,8 +54,8 @@ def march_draws(
     volumes = max(len(records), 1)
     grids = [v for v in records if v.density is not None]
     to_light = 0 if method_of(settings).has_maps else sum(_steps_to_light(v, settings) for v in grids)
-    # The search for a shadow's edge, the phase functions, and the way to the light.
-    per_light = 20 + 2 * volumes + to_light
+    # Phase functions and transmittances of all volumes, the texels around a place in a map, or the way to the light.
+    per_light = 1 + 2 * volumes + (4 * len(grids) if method_of(settings).has_maps else to_light)
     if per_light > LOOP_BUDGET:
         raise PrevisError(
             f"{grids[0].path}: a march to a light takes {to_light} steps through {counted(len(grids), 'volume')}, "

@@ -33,7 +33,6 @@ UNITS = {
     "gbuffer_emissive": 11,
     "temperature_atlas": 12,
     "emission_atlas": 13,
-    "blackbody_table": 14,
     "scattered_pixels": 15,
     "density_cells": 16,
     "density_bricks": 17,
@@ -97,7 +96,7 @@ class Frame:
         self._plan: Plan | None = None
         self._packed: dict[tuple[str, Hashable], bytes] = {}
         self._buffers: dict[int, moderngl.Buffer] = {}
-        self._blackbody: moderngl.Texture | None = None
+        self._blackbody: moderngl.Buffer | None = None
         self._pixels: tuple[tuple[str, int], moderngl.Texture] | None = None
 
     @property
@@ -205,14 +204,10 @@ class Frame:
         placements = self.temperature.placements, self.emission.placements
         self._block(program, "Emissions", 0, lambda: uniforms.pack_emissions(plan, *placements))
         if self._blackbody is None:
-            table = blackbody.table()
-            self._blackbody = self.context.texture((len(table), 1), 3, table.tobytes(), dtype="f4")
-            self._blackbody.repeat_x = self._blackbody.repeat_y = False
-        self.bind(
-            temperature_atlas=self.temperature.texture,
-            emission_atlas=self.emission.texture,
-            blackbody_table=self._blackbody,
-        )
+            self._blackbody = self.context.buffer(uniforms.pack_blackbody())
+        self._blackbody.bind_to_uniform_block(uniforms.BLACKBODY_BINDING)
+        program.bind_block("Blackbody", uniforms.BLACKBODY_BINDING)
+        self.bind(temperature_atlas=self.temperature.texture, emission_atlas=self.emission.texture)
         lowest, highest = blackbody.TABLE_RANGE
         program.set(blackbody_range=(lowest, 1.0 / (highest - lowest)))
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import blackbody
 from ..description import Camera, Note, Volume, volume_box
 from ..errors import PrevisError
 from ..index import RenderIndex, camera_key
@@ -282,6 +283,7 @@ def _defines(volumes, lights, maps, batch: int, meshes, ambient, settings: Setti
         "HAS_AMBIENT": any(a > 0.0 for a in ambient),
         "HAS_EMISSION": bool(emitting),
         "HAS_TEMPERATURE": any(v.temperature is not None for v in emitting),
+        "BLACKBODY_SIZE": blackbody.TABLE_SIZE,
         "HAS_EMISSION_FIELD": any(v.emission is not None for v in emitting),
         "CHROMATIC": any(len(set(v.medium.extinction)) > 1 for v in volumes),
         "PHASE": PHASE_NUMBERS[phases.pop()] if len(phases) == 1 else -1,

@@ -18,7 +18,7 @@ from .projection import relative_to
 from .resources import Placement
 
 VOLUMES_BINDING, LIGHTS_BINDING, LIGHT_MAPS_BINDING, EMISSIONS_BINDING = range(4)
-LIGHT_LISTS_BINDING = 7
+LIGHT_LISTS_BINDING, BLACKBODY_BINDING = 7, 8
 BLOCKS = {
     "Volumes": VOLUMES_BINDING,
     "Lights": LIGHTS_BINDING,
@@ -121,6 +121,13 @@ def pack_emissions(plan: Plan, temperatures: dict[str, Placement], fields: dict[
             row[10], row[11] = placement.scale_row(), placement.offset_row()
             flags |= 2
         row[11, 3] = flags
+    return rows.tobytes()
+
+
+def pack_blackbody() -> bytes:
+    """The `Blackbody` block."""
+    rows = np.zeros((blackbody.TABLE_SIZE, 4), np.float32)
+    rows[:, :3] = blackbody.table()
     return rows.tobytes()
 
 

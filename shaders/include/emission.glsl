@@ -14,7 +14,7 @@ layout(std140) uniform Emissions { Emission emissions[VOLUME_COUNT]; };
 
 #if HAS_TEMPERATURE
 uniform sampler3D temperature_atlas;
-uniform sampler2D blackbody_table;
+layout(std140) uniform Blackbody { vec4 blackbody_table[BLACKBODY_SIZE]; };  // no texture, as samplers are few
 uniform vec2 blackbody_range;  // lowest temperature of the table, 1 / (highest - lowest), kelvin
 #endif
 #if HAS_EMISSION_FIELD
@@ -31,9 +31,9 @@ vec3 emitted_radiance(int v, vec3 position) {
         vec3 texel = cube * emissions[v].temperature_scale.xyz + emissions[v].temperature_offset.xyz;
         float kelvin = texture(temperature_atlas, texel).r * emissions[v].temperature_scale.w
             + emissions[v].temperature_offset.w;
-        float u = clamp((kelvin - blackbody_range.x) * blackbody_range.y, 0.0, 1.0);
-        float size = float(textureSize(blackbody_table, 0).x);
-        radiance *= texture(blackbody_table, vec2((u * (size - 1.0) + 0.5) / size, 0.5)).rgb;
+        float place = clamp((kelvin - blackbody_range.x) * blackbody_range.y, 0.0, 1.0) * float(BLACKBODY_SIZE - 1);
+        int entry = min(int(place), BLACKBODY_SIZE - 2);
+        radiance *= mix(blackbody_table[entry].rgb, blackbody_table[entry + 1].rgb, place - float(entry));
     }
 #endif
 #if HAS_EMISSION_FIELD

@@ -10,7 +10,9 @@ from building import box, box_mesh, camera, capsule, distant, index_of, point, s
 import previs
 from previs import Medium, Settings
 from previs.render import shader
+from previs.render.method import METHODS
 from previs.render.shader import Program, ShaderError, compose, shader_folder
+from previs.settings import BY_NAME
 
 VERTEX = "void main() { gl_Position = vec4(0.0); }\n"
 
@@ -195,6 +197,35 @@ def test_variants_compile_and_draw(renderer: previs.Renderer, content: str, knob
     assert image.color.min() >= 0.0
 
 
+def declared_samplers(text: str) -> list[str]:
+    """Names of the samplers in a composed shader, by its own defines."""
+    defines, kept, names = {}, [], []
+
+    def holds(condition: str) -> bool:
+        condition = re.sub(r"[A-Z][A-Z0-9_]+", lambda m: str(defines[m[0]]), condition.split("//")[0])
+        condition = re.sub(r"!(?!=)", " not ", condition)
+        return bool(eval(condition.replace("&&", " and ").replace("||", " or ")))
+
+    for line in text.splitlines():
+        word, _, rest = line.strip().partition(" ")
+        if word == "#if":
+            taken = all(now for now, _ in kept) and holds(rest)
+            kept.append((taken, taken))
+        elif word in ("#elif", "#else"):
+            _, taken = kept.pop()
+            now = all(now for now, _ in kept) and not taken and (word == "#else" or holds(rest))
+            kept.append((now, taken or now))
+        elif word == "#endif":
+            kept.pop()
+        elif all(now for now, _ in kept):
+            if word == "#define" and re.fullmatch(r"[A-Z][A-Z0-9_]+ -?\d+(\.\d+)?", rest):
+                name, value = rest.split()
+                defines[name] = float(value)
+            elif found := re.match(r"uniform [iu]?sampler\w+ (\w+);", line):
+                names.append(found[1])
+    return names
+
+
 def test_shaders_need_no_more_texture_units_than_all_devices_have() -> None:
     """GL 3.3 guarantees 16 to a fragment shader: none declares more, whatever it is compiled for."""
     tested = set()
@@ -204,6 +235,16 @@ def test_shaders_need_no_more_texture_units_than_all_devices_have() -> None:
                 tested |= set(re.findall(r"\b[A-Z][A-Z0-9_]+\b", line))
     fragments = sorted(shader_folder().glob("*.frag"))
     assert fragments
+    most = dict.fromkeys(tested, 1) | {"VOLUME_COUNT": 2, "LIGHT_CAPACITY": 64}
+    methods = [
+        METHODS[name].defines(Settings(transmittance=name, coefficients=BY_NAME["coefficients"].maximum))
+        for name in METHODS
+    ]
+    counts = {}
     for path in fragments:
-        source = compose(path.name, dict.fromkeys(tested, 1)).text
-        assert source.count("uniform sampler") <= 16, path.name
+        for method, resumes, pixels in itertools.product(methods, (0, 1), (0, 1)):
+            defines = most | method | {"RESUMES": resumes, "SCATTERED_PIXELS": pixels}
+            names = declared_samplers(compose(path.name, defines).text)
+            assert len(names) <= 16, (path.name, names)
+            counts[path.name] = max(counts.get(path.name, 0), len(names))
+    assert counts["march.frag"] > 12

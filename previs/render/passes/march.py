@@ -56,11 +56,13 @@ def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iter
                     opacity_cutoff=plan.settings.opacity_cutoff,
                     projective_minimum=projective_minimum(plan.settings),
                     most_cuts=plan.cuts,
-                    slice_length=len(part) + plan.cuts,
+                    # One more, to find what there is where it begins.
+                    slice_length=len(part) + plan.cuts + 1,
                     first_slice=part is plan.slices[0],
                 )
                 if plan.meshes:
-                    frame.bind(gbuffer_normal_distance=frame.geometry[0])
+                    # Of the two that of the program's sampler counts.
+                    frame.bind(gbuffer_normal_distance=frame.geometry[0], previous_scattered=frame.geometry[0])
                 if plan.defines["HAS_EMISSION"]:
                     frame.bind_emission(program)
                 frame.bind_lighting(program, batch)
