@@ -89,12 +89,13 @@ _TRUTH = {"1": True, "true": True, "on": True, "yes": True, "0": False, "false":
 TABLE: tuple[Setting, ...] = (
     Setting(
         "transmittance",
-        "quantile",
-        "How light is attenuated on its way into the media: quantile, maps of the depths at which the transmittance "
+        "slices",
+        "How light is attenuated on its way into the media: slices, the optical depth at even distances along every "
+        "light ray, marched once; quantile, maps of the depths at which the transmittance "
         "crosses fixed levels; tfm, adaptive transmittance function maps [ATFM12]; tfm-plain, the maps of [TFM11]; "
         "march, a brute-force march towards every light.",
         ("transmittance_map", "surface", "march"),
-        choices=("quantile", "tfm", "tfm-plain", "march"),
+        choices=("slices", "quantile", "tfm", "tfm-plain", "march"),
         flag="--transmittance",
     ),
     Setting(
@@ -111,7 +112,7 @@ TABLE: tuple[Setting, ...] = (
         "steps",
         0,
         "Steps of a view ray across the longest diagonal of a volume, shorter paths taking fewer of the same length; "
-        "0 takes one per voxel and at least 256.",
+        "0 takes one for two voxels, and at least 96, in a homogeneous shape 128.",
         ("march",),
         minimum=1,
         maximum=16384,
@@ -131,7 +132,8 @@ TABLE: tuple[Setting, ...] = (
         "light_steps",
         0,
         "Steps of a light ray across the longest diagonal of a volume, when a map is filled or light is marched; "
-        "0 takes one per voxel and at least 256 in a map, and marches exactly, from voxel to voxel.",
+        "0 takes one per voxel and at least 256 in a map, one for two voxels in slices, and marches exactly, from "
+        "voxel to voxel.",
         ("transmittance_map", "surface", "march"),
         minimum=1,
         maximum=16384,
@@ -147,6 +149,15 @@ TABLE: tuple[Setting, ...] = (
         automatic=True,
         unit="texels",
         flag="--map-size",
+    ),
+    Setting(
+        "slices",
+        0,
+        "Depths at which slices keep the optical depth along every light ray, a multiple of 28; 0 follows the voxels.",
+        ("transmittance_map",),
+        minimum=2,
+        maximum=1024,
+        automatic=True,
     ),
     Setting(
         "threshold",

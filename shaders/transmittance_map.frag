@@ -5,15 +5,12 @@
 // Without MAP_ADAPTIVE the range is the whole way through the bounds [TFM11]. With it the ray is marched twice [ATFM12 alg. 2]: once to
 // find the range in which the curve falls from 1 to a threshold, once inside it.
 
-#include "include/light_map.glsl"
+#include "include/light_ray.glsl"
 #include "include/map_curve.glsl"
 #include "include/integrate.glsl"
-#include "include/field.glsl"
 
 const float PI = 3.14159265358979;
 const float EMPTY = 1e30;
-
-in vec2 uv;
 
 layout(location = 0) out vec4 values0;
 #if MAP_LAYERS > 1
@@ -30,23 +27,11 @@ layout(location = 4) out vec4 values4;
 #endif
 layout(location = MAP_LAYERS) out vec4 range;
 
-uniform mat4 centre_to_box;  // point relative to the volume's centre -> unit cube
-uniform vec4 atlas_scale;    // w: density of a texel of value 1
-uniform vec3 atlas_offset;
-uniform vec4 bricks_scale;
-uniform vec4 bricks_shift;
-uniform vec4 bricks_offset;
-uniform int map_kind;
-uniform mat3 ray_origin;     // columns: at (0, 0), change along u, change along v
-uniform mat3 ray_direction;
-uniform vec4 from_light;     // light -> centre, or direction of travel; w: length
 uniform float stored;        // extinction per unit of density at which the curve is stored
 uniform float end_depth;     // stored optical depth at which the adaptive range ends
 uniform float begin_depth;   // stored optical depth that the start of the range may leave out
 uniform float step_length;
 uniform bool stretched;      // whether levels are of exp(-sqrt(depth))
-
-vec3 origin, direction;
 
 // The longest part without density between the first and the last: where it begins, and how long it is. Marches in the range leave it out.
 float gap_begin = EMPTY;
@@ -54,22 +39,6 @@ float gap_length = 0.0;
 
 float past_gap(float s) {
     return s > gap_begin ? s + gap_length : s;
-}
-
-float density(float s) {
-    vec3 box = clamp((centre_to_box * vec4(origin + s * direction, 1.0)).xyz, 0.0, 1.0);
-    return field_density(box, atlas_scale, atlas_offset, bricks_scale, bricks_shift.xyz, bricks_offset.xyz);
-}
-
-vec2 bounds_interval() {
-    vec3 o = (centre_to_box * vec4(origin, 1.0)).xyz;
-    vec3 d = mat3(centre_to_box) * direction;
-    d = mix(d, vec3(1e-20), lessThan(abs(d), vec3(1e-20)));
-    vec3 a = -o / d;
-    vec3 b = (1.0 - o) / d;
-    vec3 first = min(a, b);
-    vec3 last = max(a, b);
-    return vec2(max(max(first.x, first.y), first.z), min(min(last.x, last.y), last.z));
 }
 
 #if MAP_CURVE == CURVE_QUANTILE
@@ -81,7 +50,7 @@ void project(inout vec4 c[MAP_LAYERS], float begin, float h, float count, float 
     float wanted = level_depth(level, stretched);
     int next = 0;
     for (float n = 0.0; n < count && next < COEFFICIENTS - 1; n += 1.0) {
-        float step_depth = stored * density(past_gap(begin + (n + 0.5) * h)) * h;
+        float step_depth = stored * density_along(past_gap(begin + (n + 0.5) * h)) * h;
         while (next < COEFFICIENTS - 1 && depth + step_depth >= wanted) {
             c[next >> 2][next & 3] = (n + clamp((wanted - depth) / step_depth, 0.0, 1.0)) / count;
             ++next;
@@ -97,7 +66,7 @@ void project(inout vec4 c[MAP_LAYERS], float begin, float h, float count, inout 
     for (int i = 0; i < MAP_LAYERS; ++i) c[i] = vec4(0.0);
     float from = exp(-depth);
     for (float n = 0.0; n < count; n += 1.0) {
-        float step_depth = stored * density(past_gap(begin + (n + 0.5) * h)) * h;
+        float step_depth = stored * density_along(past_gap(begin + (n + 0.5) * h)) * h;
         float mean = from * mean_transmittance(step_depth);
         float twice = 2.0 * cos(PI * (n + 0.5) / count);
         float previous = 0.5 * twice;  // cos of -theta, then Chebyshev: cos((j+1)t) = 2 cos t cos(jt) - cos((j-1)t)
@@ -127,13 +96,7 @@ void main() {
     float total_depth = 0.0;
     vec4 stored_range = vec4(EMPTY, 2.0 * EMPTY, EMPTY, 0.0);
 
-    if (map_kind == MAP_OCTAHEDRAL) {
-        origin = -from_light.xyz;
-        direction = octahedral_decode(uv);
-    } else {
-        origin = ray_origin[0] + uv.x * ray_origin[1] + uv.y * ray_origin[2];
-        direction = normalize(ray_direction[0] + uv.x * ray_direction[1] + uv.y * ray_direction[2]);
-    }
+    light_ray();
     vec2 span = bounds_interval();
     if (map_kind != MAP_ORTHOGRAPHIC) {
         float behind = -dot(origin + from_light.xyz, direction);  // where the light itself is
@@ -159,7 +122,7 @@ void main() {
         float longest = 0.0;      // steps of the longest gap
         float gap_first = 0.0;
         for (float n = 0.0; n < count; n += 1.0) {
-            float step_depth = stored * density(span.x + (n + 0.5) * h) * h;
+            float step_depth = stored * density_along(span.x + (n + 0.5) * h) * h;
             if (step_depth > 0.0) {
                 if (first < 0.0) first = n;
                 else if (n - last > longest) {
@@ -210,7 +173,7 @@ void main() {
             if (dense) {
                 float reach = min(h, (span.y - end) / 3.0);
                 float sum = 0.0;
-                if (reach > 0.0) for (int n = 0; n < 3; ++n) sum += density(end + (float(n) + 0.5) * reach);
+                if (reach > 0.0) for (int n = 0; n < 3; ++n) sum += density_along(end + (float(n) + 0.5) * reach);
                 tail = stored * sum / 3.0 * length_;
             }
             total_depth = depth;

@@ -26,7 +26,7 @@ from ..description import Camera
 from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
-from ..render.draws import steps_across
+from ..render.draws import fine_steps_across
 from ..render.renderer import Renderer
 from ..scene import Scene
 from ..settings import BY_NAME, Settings
@@ -320,7 +320,7 @@ def converged_march(
         settings = subject.settings.replace(transmittance="march", steps=steps, light_steps=steps)
         return renderer.render(subject.index, subject.camera, size, settings).color
 
-    finest = max(steps_across(v.record, 0) for v in subject.index.volumes.values())
+    finest = max(fine_steps_across(v.record) for v in subject.index.volumes.values())
     steps = FIRST_STEPS
     while steps < finest:
         steps *= 2

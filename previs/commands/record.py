@@ -273,11 +273,11 @@ def _meter(renderer, stack: contextlib.ExitStack):
 
 def _reference(settings, description):
     """The settings, marching light exactly and the view in steps so fine that more of them change next to nothing."""
-    from ..render.draws import steps_across
+    from ..render.draws import fine_steps_across
     from ..render.measure import brute_force
 
     volumes = list(description.volumes.values())
-    finest = max((steps_across(volume, 0) for volume in volumes), default=0)
+    finest = max((fine_steps_across(volume) for volume in volumes), default=0)
     return brute_force(settings, volumes).replace(steps=max(settings.steps, 1024, 2 * finest))
 
 

@@ -19,7 +19,7 @@ from ..image import Image
 from ..index import RenderIndex
 from ..meter import ErrorPart, ErrorScale, PixelSample
 from ..settings import BY_NAME, Settings
-from .draws import steps_across
+from .draws import fine_steps_across, steps_across
 from .measure import ErrorMeter, brute_force, converged
 from .method import METHODS, method_of
 from .renderer import Renderer
@@ -203,7 +203,7 @@ class _Search:
     def _make_ladders(self, renderer: Renderer, fixed: Collection[str]) -> dict[str, tuple]:
         grids = [v for v in self._volumes if v.density is not None]
         steps = max((steps_across(v, 0) for v in self._volumes), default=1)
-        light_steps = max((steps_across(v, 0) for v in grids), default=1)
+        light_steps = max((fine_steps_across(v) for v in grids), default=1)
         map_size = 0
         if grids:
             maps = self._settings.replace(map_size=0, transmittance=self._map_method())

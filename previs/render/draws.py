@@ -18,7 +18,7 @@ MAX_LIGHTS_PER_BATCH = 64
 #: With lists of lights, whose steps pass the longest of them at the most.
 MAX_LISTED_PER_BATCH = 256
 #: Bytes of a light, a volume and a pair of both in the uniform blocks; see uniforms.py.
-LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 15 * 16, 7 * 16
+LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 15 * 16, 8 * 16
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
 #: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
 LOOP_BUDGET = 50_000
@@ -27,19 +27,44 @@ LOOP_BUDGET = 50_000
 MOST_CUTS = 160
 #: With fewer the front of a dense medium is not resolved.
 FEW_CUTS = 24
-#: Steps across the longest diagonal of a volume that has fewer voxels along it, when the number is left to the plan.
-LEAST_STEPS = 256
+#: Steps of a view ray across the longest diagonal of a volume at the least, when the number is left to the plan: of
+#: voxels, and of a homogeneous shape, in which nothing but shadows tells how fine they have to be.
+LEAST_STEPS, LEAST_STEPS_IN_SHAPE = 96, 128
+#: A step reads the density three times, so it may span two voxels.
+VOXELS_PER_STEP = 2
+#: Steps across it at the least where each is to be no longer than a voxel.
+LEAST_FINE_STEPS = 256
 #: No 3D texture has more voxels along its diagonal than this; a larger field is reduced.
 MOST_STEPS = 4096
 
 
 def steps_across(volume: Volume, wanted: int) -> int:
-    """Steps across the longest diagonal of a volume: as many as wanted, or for 0 at least one per voxel."""
+    """Steps of a view ray across the longest diagonal of a volume: as many as wanted, or for 0 at least one for two
+    voxels."""
     if wanted:
         return wanted
     if volume.density is None:
-        return LEAST_STEPS
-    return min(max(LEAST_STEPS, math.ceil(float(np.linalg.norm(field_dims(volume.density) + 1)))), MOST_STEPS)
+        return LEAST_STEPS_IN_SHAPE
+    return min(max(LEAST_STEPS, math.ceil(_voxels_across(volume) / VOXELS_PER_STEP)), MOST_STEPS)
+
+
+def fine_steps_across(volume: Volume) -> int:
+    """Steps across the longest diagonal of a volume of which none is longer than a voxel."""
+    if volume.density is None:
+        return LEAST_FINE_STEPS
+    return min(max(LEAST_FINE_STEPS, math.ceil(_voxels_across(volume))), MOST_STEPS)
+
+
+def light_steps_across(volume: Volume, settings: Settings) -> int:
+    """Steps of a light ray across the longest diagonal of a volume: as many as asked for, or else one per voxel, and
+    for slices, which are interpolated over as much, one for two voxels."""
+    if settings.light_steps:
+        return settings.light_steps
+    return steps_across(volume, 0) if method_of(settings).curve == "slices" else fine_steps_across(volume)
+
+
+def _voxels_across(volume: Volume) -> float:
+    return float(np.linalg.norm(field_dims(volume.density) + 1))
 
 
 def march_draws(
@@ -102,4 +127,4 @@ def _steps_to_light(volume: Volume, settings: Settings) -> int:
 
 def projective_minimum(settings: Settings) -> int:
     """The least number of steps that a ray takes in a spot's projection, however short its way through the cone."""
-    return max((settings.steps or LEAST_STEPS) // 4, 1)
+    return max((settings.steps or LEAST_STEPS_IN_SHAPE) // 4, 1)

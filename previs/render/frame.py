@@ -15,6 +15,7 @@ from .pieces import Kind, Pace, Piece
 from .planned import Plan
 from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
 from .shader import Program, ShaderCache
+from .slices import SliceAtlas
 
 #: Texture units by sampler name. GL 3.3 guarantees 48 of them, and 16 samplers in one fragment shader.
 UNITS = {
@@ -22,6 +23,8 @@ UNITS = {
     "shadow_atlas": 1,
     "shadow_depths": 1,
     "map_range": 2,
+    "light_slices": 3,
+    "previous_depth": 4,
     "map_values0": 3,
     "map_values1": 4,
     "map_values2": 5,
@@ -89,6 +92,7 @@ class Frame:
         self.temperature = FieldAtlas(context, 1, packed, share and share.temperature)
         self.emission = FieldAtlas(context, 4, packed, share and share.emission)
         self.maps = MapAtlas(context)
+        self.slices = SliceAtlas(context)
         self.shadows = ShadowAtlas(context)
         self.meshes = MeshStore(context, share and share.meshes)
         self.targets = Targets(context)
@@ -110,6 +114,10 @@ class Frame:
         if plan is not self._plan:
             self._packed.clear()
         self._plan = plan
+
+    def light_atlas(self, plan: Plan) -> MapAtlas | SliceAtlas:
+        """Where the transmittance maps of a plan are."""
+        return self.slices if plan.map_slices else self.maps
 
     def forget_placements(self) -> None:
         """Pack uniform blocks anew: fields have moved in their atlases."""
@@ -176,8 +184,8 @@ class Frame:
         if plan.defines["HAS_GRIDS"] and plan.defines["HAS_MAPS"]:
             self._block(program, "LightMaps", number, lambda: uniforms.pack_light_maps(plan, batch, capacity))
             layers = {f"map_values{i}": t for i, t in enumerate(self.maps.values)}
-            self.bind(map_range=self.maps.range, **layers)
-            program.set(map_size=float(plan.map_size))
+            self.bind(map_range=self.maps.range, light_slices=self.slices.texture, **layers)
+            program.set(map_size=float(plan.map_size), slice_count=float(plan.map_slices))
         self.bind_density(program)
         if plan.shadow_tiles:
             self.bind(shadow_atlas=self.shadows.texture)
@@ -230,8 +238,9 @@ class Frame:
         """Free the atlases and targets that the plan does not use."""
         plan = self.plan
         used = {p.kind for p in plan.passes}
-        if not plan.map_atlas.spans:
-            self.maps.release()
+        for atlas in (self.maps, self.slices):
+            if not plan.map_atlas.spans or atlas is not self.light_atlas(plan):
+                atlas.release()
         if not plan.shadow_atlas.spans:
             self.shadows.release()
         if "fields" not in used:
@@ -260,6 +269,7 @@ class Frame:
             self.temperature,
             self.emission,
             self.maps,
+            self.slices,
             self.shadows,
             self.meshes,
             self.targets,

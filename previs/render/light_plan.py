@@ -19,8 +19,9 @@ from .atlas import AtlasLayout, lay_out
 from .draws import steps_across
 from .fields import field_dims
 from .light_lists import FEW_LIGHTS, LISTS_BYTES, LightLists, light_lists, reaches_box
-from .method import method_of, stored_curve
+from .method import SLICES_PER_DRAW, method_of, stored_curve
 from .planned import DeviceLimits, PlannedLight, PlannedMap, PlannedPass, counted
+from .precision import density_range
 from .projection import light_map, shadow_fit
 from .versioned import FITS
 
@@ -28,6 +29,12 @@ from .versioned import FITS
 ATLAS_MEMORY = 2**30
 #: Up to so many transmittance maps are never coarser than 256².
 MANY_MAPS = 32
+#: Slices along the light's rays that are taken without being asked for.
+SLICES_PER_VOXEL, LEAST_SLICES, MOST_SLICES = 0.75, 56, 280
+#: Texels along the side of slices, from and to.
+SLICE_SIZES = 128, 512
+#: Optical depth of the densest voxel from which slices are finer than voxels, up to twice as fine.
+DEEP_VOXEL = 3.0
 
 
 def _corner_points(boxes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
@@ -43,12 +50,11 @@ def _volume_bounds(entry: Entry):
     return FITS.get(key, lambda: volume_world_bounds(entry.record))
 
 
-def fitting_size(wanted: int, tiles: int, bytes_per_texel: int, limits: DeviceLimits) -> int:
-    """The size of square tiles, halved from the wanted one until all fit one atlas and the memory for it."""
-    size = min(wanted, limits.texture_size)
-    while size > 16 and (
-        tiles > (limits.texture_size // size) ** 2 or tiles * size * size * bytes_per_texel > ATLAS_MEMORY
-    ):
+def fitting_size(wanted: int, tiles: int, bytes_per_texel: int, edge: int) -> int:
+    """The size of square tiles, halved from the wanted one until all fit one atlas of that edge and the memory for
+    it."""
+    size = min(wanted, edge)
+    while size > 16 and (tiles > (edge // size) ** 2 or tiles * size * size * bytes_per_texel > ATLAS_MEMORY):
         size //= 2
     return size
 
@@ -79,7 +85,7 @@ def plan_shadows(
         for e in lights
     ]
     faces = sum(len(fit.matrices) for fit in fits if fit is not None)
-    size = fitting_size(settings.shadow_map_size, faces, 4, limits)
+    size = fitting_size(settings.shadow_map_size, faces, 4, limits.texture_size)
     if size < settings.shadow_map_size:
         message = f"{counted(faces, 'face')} of shadow maps are drawn with {size}² texels to fit"
         notes.append(Note("approximated", lights[0].record.path, message))
@@ -107,6 +113,15 @@ def plan_shadows(
             )
         )
     return tuple(planned), layout
+
+
+def voxel_depth(volume: Volume) -> float:
+    """Optical depth of a volume's densest voxel along its longest edge, in the strongest channel."""
+    density = volume.density
+    to_world = np.asarray(density.index_to_local, float) @ np.asarray(volume.local_to_world, float)
+    edge = float(np.linalg.norm(to_world[:3, :3], axis=1).max())
+    _, most = FITS.get(("densities", density.key), lambda: density_range(density.grid))
+    return most * max(volume.medium.strength) * edge
 
 
 def _longest(volume: Volume) -> int:
@@ -156,28 +171,41 @@ def _diagonal(volume: Volume) -> float:
     return float(np.linalg.norm(corners[:4] - corners[:3:-1], axis=1).max())
 
 
-def map_size_for(volumes, grids: list[int], pairs: int, settings: Settings, limits: DeviceLimits, notes) -> int:
+def map_resolution(
+    volumes, grids: list[int], pairs: int, settings: Settings, limits: DeviceLimits, notes
+) -> tuple[int, int]:
     """Texels along a map's side: as asked, or two per voxel of a small grid and one of a large; less where too many
-    maps are needed.
+    maps are needed. And the number of slices, 0 for a method that has none: as asked, or three for four voxels.
 
-    Two, because the surface of a dense medium casts shadows as sharp as its voxels allow.
+    Two, because the surface of a dense medium casts shadows as sharp as its voxels allow. Slices take one, and more of
+    both where a voxel is deep.
     """
-    wanted = settings.map_size
-    if not wanted:
-        longest = max(_longest(volumes[i]) for i in grids)
-        # A coarse grid that is dense has edges too: they need texels, unless there are very many maps to fill.
-        few = pairs <= MANY_MAPS
+    longest = max(_longest(volumes[i]) for i in grids)
+    wanted, slices = settings.map_size, 0
+    # A coarse grid that is dense has edges too: they need texels, unless there are very many maps to fill.
+    few = pairs <= MANY_MAPS
+    if method_of(settings).curve == "slices":
+        deepest = max(voxel_depth(volumes[i]) for i in grids)
+        finer = float(np.clip((deepest / DEEP_VOXEL) ** 1.5, 1.0, 2.0))
+        most = MOST_SLICES if few else LEAST_SLICES
+        slices = settings.slices or int(np.clip(SLICES_PER_VOXEL * finer * longest, LEAST_SLICES, most))
+        slices = -(-slices // SLICES_PER_DRAW) * SLICES_PER_DRAW
+        least, most = SLICE_SIZES if few else (SLICE_SIZES[0] // 2, SLICE_SIZES[0])
+        texels = finer * longest
+    else:
         least, most = (256, 1024) if few else (64, 512)
         texels = min(longest * 2, max(longest, 512))
+    if not wanted:
         wanted = int(np.clip(-(-texels // 32) * 32, least, most))
         if longest > wanted:
             message = f"transmittance maps have {wanted}² texels for {longest} voxels; map_size sets more"
             notes.append(Note("approximated", max(volumes, key=_longest).path, message))
-    size = fitting_size(wanted, pairs, method_of(settings).texel_bytes(settings), limits)
+    edge = limits.texture_3d_size if slices else limits.texture_size
+    size = fitting_size(wanted, pairs, method_of(settings).texel_bytes(settings, slices), edge)
     if size < wanted:
         message = f"{counted(pairs, 'transmittance map')} have {size}² texels to fit"
         notes.append(Note("approximated", volumes[grids[0]].path, message))
-    return size
+    return size, slices
 
 
 def plan_maps(
@@ -185,17 +213,20 @@ def plan_maps(
     grids: list[int],
     lights,
     settings: Settings,
-    size: int,
+    resolution: tuple[int, int],
     limits: DeviceLimits,
     previous: AtlasLayout | None,
     passes: list[PlannedPass],
 ) -> tuple[tuple[PlannedMap, ...], AtlasLayout]:
-    """A map for every pair of a light that casts shadows and a volume of voxels."""
+    """A map for every pair of a light that casts shadows and a volume of voxels; `resolution` is the size of maps, and
+    the number of slices."""
     planned = []
-    tile_bytes = size * size * method_of(settings).texel_bytes(settings)
+    size, slices = resolution
+    tile_bytes = size * size * method_of(settings).texel_bytes(settings, slices)
+    edge = limits.texture_3d_size if slices else limits.texture_size
     meeting = {e.record.path: meeting_grids(e, volumes, grids, settings) for e in lights}
     pairs = [(e.record.path, volumes[i].record.path) for e in lights for i in meeting[e.record.path]]
-    layout = lay_out(previous, [(p, 1) for p in pairs], size, tile_bytes, limits.texture_size, ATLAS_MEMORY)
+    layout = lay_out(previous, [(p, 1) for p in pairs], size, tile_bytes, edge, ATLAS_MEMORY)
     for light_number, light_entry in enumerate(lights):
         light = light_entry.record
         for volume_number in meeting[light.path]:
@@ -214,7 +245,7 @@ def plan_maps(
                 (item.reference, item.weakest),
                 fit.key(),
                 item.tile,
-                size,
+                resolution,
                 stored,
                 settings.read_by("transmittance_map"),
             )
@@ -223,7 +254,7 @@ def plan_maps(
                     f"transmittance_map {light.path} > {volume.path}",
                     "transmittance_map",
                     f"how this volume attenuates this light; {fit.kind}",
-                    (size, size),
+                    (size, size, slices) if slices else (size, size),
                     tile_bytes,
                     depends,
                     payload=item,

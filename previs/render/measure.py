@@ -15,7 +15,7 @@ from ..image import Image
 from ..index import RenderIndex
 from ..meter import FIRST_PHASE, ErrorEstimate, PixelSample, choose_again, choose_pixels, estimate_error
 from ..settings import BY_NAME, Settings
-from .draws import LOOP_BUDGET, steps_across
+from .draws import LOOP_BUDGET, fine_steps_across, steps_across
 from .method import method_of
 from .renderer import Renderer, sample_shifts
 from .scattered import ScatteredPixels
@@ -34,17 +34,17 @@ T = TypeVar("T")
 
 def converged(settings: Settings, volumes: list[Volume]) -> Settings:
     """The settings that the truth is drawn with: light by brute force, steps so fine that more would change nothing."""
-    steps = max([CONVERGED_STEPS, *(CONVERGED_FACTOR * steps_across(v, 0) for v in volumes), settings.steps])
+    steps = max([CONVERGED_STEPS, *(CONVERGED_FACTOR * fine_steps_across(v) for v in volumes), settings.steps])
     cutoff = min(settings.opacity_cutoff, CONVERGED_CUTOFF)
     return brute_force(settings, volumes).replace(steps=_possible("steps", steps), opacity_cutoff=cutoff)
 
 
 def brute_force(settings: Settings, volumes: list[Volume]) -> Settings:
     """The settings, with light marched by brute force, and every view ray."""
-    found = settings.replace(transmittance="march", light_steps=0, march_divisor=1, cull_lights=False)
+    found = settings.replace(transmittance="march", light_steps=0, march_divisor=1, cull_lights=False, skip_empty=False)
     grids = [v for v in volumes if v.density is not None]
     # A march that is exact may be longer than a draw can be; the longest one that can be is taken then.
-    cells = sum(steps_across(v, 0) for v in grids)
+    cells = sum(fine_steps_across(v) for v in grids)
     if 2 * cells > LOOP_BUDGET:
         found = found.replace(light_steps=max(LOOP_BUDGET // (2 * len(grids)) - 1, 1))
     return found

@@ -15,9 +15,11 @@ import numpy as np
 from ..description import Light, Volume, volume_box
 from ..settings import Settings
 
-Curve = Literal["cosine", "quantile"]
+Curve = Literal["cosine", "quantile", "slices"]
 
-CURVE_NUMBERS: Mapping[Curve, int] = {"cosine": 0, "quantile": 1}
+CURVE_NUMBERS: Mapping[Curve, int] = {"cosine": 0, "quantile": 1, "slices": 2}
+#: Slices of a light-space grid that one draw makes: seven textures of four, and one for what they came to.
+SLICES_PER_DRAW = 28
 #: Transmittance at which an adaptive range ends when that is left to the plan [ATFM12].
 THRESHOLD = 0.01
 #: The same for a light inside a volume. All that is seen of it from outside has passed most of the medium, where
@@ -59,10 +61,20 @@ class Method:
 
     def why(self, coefficients: int) -> str:
         """A few words on it for a plan."""
-        return f"{coefficients} {self.values}, {self.words}" if self.has_maps else self.words
+        return f"{coefficients} {self.values}, {self.words}" if self.values else self.words
 
     def defines(self, settings: Settings) -> dict[str, int | bool]:
         """What the shaders are compiled for."""
+        if self.curve == "slices":
+            # Of their own number and texture: no variants for what others store.
+            return {
+                "HAS_MAPS": True,
+                "MAP_ADAPTIVE": False,
+                "MAP_CURVE": CURVE_NUMBERS["slices"],
+                "COEFFICIENTS": 0,
+                "MAP_LAYERS": 0,
+                "MAP_FILTER": 0,
+            }
         return {
             "HAS_MAPS": self.has_maps,
             "MAP_ADAPTIVE": self.adaptive,
@@ -77,8 +89,10 @@ class Method:
         the tail and what the curve has come to at the range's end."""
         return -(-(settings.coefficients + 2) // 4)
 
-    def texel_bytes(self, settings: Settings) -> int:
-        """Bytes of a texel in all textures; the range is of four 32-bit floats."""
+    def texel_bytes(self, settings: Settings, slices: int = 0) -> int:
+        """Bytes of a texel in all textures; the range is of four 32-bit floats. Of `slices` there are so many."""
+        if self.curve == "slices":
+            return 2 * slices
         return 16 + 8 * self.layers(settings)
 
 
@@ -88,6 +102,7 @@ METHODS: Mapping[str, Method] = {
         Method("tfm", "cosine", True, 2.0, "coefficients", "adaptive range"),
         Method("tfm-plain", "cosine", False, 1.0, "coefficients", "full range"),
         Method("quantile", "quantile", True, 1.5, "depths", "quantiles of the transmittance"),
+        Method("slices", "slices", False, 1.0, "", "light marched once along every light ray, into slices"),
         Method("march", None, False, 1.0, "", "brute force towards every light"),
     )
 }

@@ -22,7 +22,7 @@ from .atlas import AtlasLayout
 from .draws import FEW_CUTS, VOLUME_BYTES, march_draws
 from .fields import SPARSE_ROLES, field_dims, storage
 from .light_lists import MOST_CELLS, MOST_INDICES, reaches_box
-from .light_plan import map_size_for, meeting_grids, plan_light_lists, plan_maps, plan_shadows
+from .light_plan import map_resolution, meeting_grids, plan_light_lists, plan_maps, plan_shadows
 from .method import method_of
 from .planned import PHASE_NUMBERS, Atlases, DeviceLimits, Plan, PlannedMap, PlannedPass, counted, march_size
 from .precision import density_range, precision_notes
@@ -123,17 +123,19 @@ def make_plan(
 
     planned_lights, shadow_atlas = plan_shadows(volumes, lights, meshes, settings, limits, atlases[1], passes, notes)
     pairs = sum(len(meeting_grids(e, volumes, grids, settings)) for e in lights)
-    size = map_size_for(records, grids, pairs, settings, limits, notes) if grids else 0
+    size, slice_count = (0, 0)
+    if grids:
+        size, slice_count = map_resolution(records, grids, pairs, settings, limits, notes)
     maps, map_atlas = (), AtlasLayout()
     for entry in volumes:
         record = entry.record
         densities = (1.0, 1.0)
         if record.density is not None:
-            key = ("densities", entry.versions["density"])
+            key = ("densities", record.density.key)
             densities = FITS.get(key, lambda grid=record.density.grid: density_range(grid))
         notes += [Note("approximated", record.path, n) for n in precision_notes(record, densities, method)]
     if grids and method.has_maps:
-        maps, map_atlas = plan_maps(volumes, grids, lights, settings, size, limits, atlases[0], passes)
+        maps, map_atlas = plan_maps(volumes, grids, lights, settings, (size, slice_count), limits, atlases[0], passes)
 
     lists = plan_light_lists(volumes, lights, settings, limits)
     batches, slices, cuts = march_draws(records, len(lights), settings, limits, lists[0].longest if lists else None)
@@ -234,6 +236,7 @@ def make_plan(
         ambient=ambient,
         maps=maps,
         map_size=size,
+        map_slices=slice_count,
         shadow_size=shadow_atlas.size,
         shadow_tiles=sum(len(p.shadow.matrices) for p in planned_lights if p.shadow is not None),
         map_atlas=map_atlas,

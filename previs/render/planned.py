@@ -109,6 +109,7 @@ class Plan:
     ambient: tuple[float, float, float]
     maps: tuple[PlannedMap, ...]
     map_size: int
+    map_slices: int
     shadow_size: int
     shadow_tiles: int
     map_atlas: AtlasLayout

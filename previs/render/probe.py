@@ -22,7 +22,7 @@ from ..errors import PrevisError
 from ..index import RenderIndex
 from ..settings import BY_NAME, Settings
 from .context import check_errors
-from .draws import LOOP_BUDGET, steps_across
+from .draws import LOOP_BUDGET, fine_steps_across
 from .frame import Frame
 from .method import METHODS, method_of
 from .passes import RUNNERS
@@ -236,7 +236,7 @@ def _interval(volume: Volume, point: np.ndarray, direction: np.ndarray) -> tuple
 def _fine_steps(scene: SceneDescription) -> int:
     """Steps of a light ray across a volume for the true curve, whatever the settings say."""
     grids = [v for v in scene.volumes.values() if v.density is not None]
-    wanted = max((FINENESS * steps_across(v, 0) for v in grids), default=1)
+    wanted = max((FINENESS * fine_steps_across(v) for v in grids), default=1)
     # A march through all volumes is one draw; the plan refuses what does not fit.
     return max(min(wanted, 16384, (LOOP_BUDGET - 2 * len(scene.volumes) - 100) // max(len(grids), 1) - 2), 1)
 
@@ -295,7 +295,7 @@ class _Ray:
             frame.plan = plan
             frame.release_unused()
             if plan.maps:
-                frame.maps.update(plan)
+                frame.light_atlas(plan).update(plan)
             # The shadow map of the light is the same for all curves.
             shadows_stale = bool(plan.shadow_tiles) and frame.shadows.update(plan)
             for p in plan.passes:

@@ -130,6 +130,8 @@ class LightMap:
     ``ray_origin`` and ``ray_direction`` are (3, 3) affine in (u, v), as for a camera (unused for an octahedral map,
     whose directions cover the sphere). `to_map` takes a point relative to `centre` to (U, V, ·, W), with (u, v) = (U,
     V) / W. `from_light` is the vector from the light to `centre`, or the light's direction for an orthographic map.
+    `reach` are the distances along the light's rays, counted from the centre's, between which the volume holds
+    anything.
     """
 
     kind: MapKind
@@ -138,10 +140,11 @@ class LightMap:
     ray_direction: np.ndarray
     to_map: np.ndarray
     from_light: np.ndarray
+    reach: tuple[float, float]
 
     def key(self) -> bytes:
         """A hashable stand-in."""
-        arrays = (self.ray_origin, self.ray_direction, self.to_map, self.from_light)
+        arrays = (self.ray_origin, self.ray_direction, self.to_map, self.from_light, self.reach)
         return self.kind.encode() + b"".join(np.asarray(a, float).tobytes() for a in arrays)
 
 
@@ -196,11 +199,18 @@ def light_map(light: Light, volume, size: int) -> LightMap:
         to_map[:3, 0], to_map[:3, 1] = right / du, up / dv
         to_map[3, :] = (-u0 / du, -v0 / dv, 0.0, 1.0)
         return LightMap(
-            "orthographic", centre, origin, np.array([direction, np.zeros(3), np.zeros(3)]), to_map, direction
+            "orthographic",
+            centre,
+            origin,
+            np.array([direction, np.zeros(3), np.zeros(3)]),
+            to_map,
+            direction,
+            (float(k.min()), float(k.max())),
         )
     position = light.position - centre
     candidates = []
     distance = float(np.linalg.norm(position))
+    farthest = float(np.linalg.norm(points - position, axis=1).max())
     if distance > 0.0:
         candidates.append(_perspective_window(points - position, -position / distance, margin))
     shaping = light.shaping
@@ -211,7 +221,8 @@ def light_map(light: Light, volume, size: int) -> LightMap:
     if not candidates:
         to_map = np.eye(4)
         to_map[3, :3] = -position
-        return LightMap("octahedral", centre, np.zeros((3, 3)), np.zeros((3, 3)), to_map, -position)
+        reach = (-distance, farthest - distance)
+        return LightMap("octahedral", centre, np.zeros((3, 3)), np.zeros((3, 3)), to_map, -position, reach)
     forward, u0, du, v0, dv = min(candidates, key=lambda c: c[2] * c[4])
     right, up = _axes(forward)
     direction = np.array([forward + u0 * right + v0 * up, du * right, dv * up])
@@ -221,7 +232,10 @@ def light_map(light: Light, volume, size: int) -> LightMap:
     to_map[:3, 3] = forward
     to_map[3] = -position @ to_map[:3]
     origin = np.array([position, np.zeros(3), np.zeros(3)])
-    return LightMap("perspective", centre, origin, direction, to_map, -position)
+    # No part of the hull is nearer than its depth, nor farther than its farthest corner.
+    nearest = max(float(((points - position) @ forward).min()), 0.0)
+    reach = (nearest - distance, farthest - distance)
+    return LightMap("perspective", centre, origin, direction, to_map, -position, reach)
 
 
 def _span(values: np.ndarray, margin: float) -> tuple[float, float]:

@@ -253,12 +253,12 @@ class Renderer:
         frame.rest()
         frame.release_unused()
         if plan.maps:
-            frame.maps.update(plan)
+            frame.light_atlas(plan).update(plan)
         if plan.shadow_tiles:
             frame.shadows.update(plan)
         self._atlases = (plan.map_atlas, plan.shadow_atlas)
         # Maps of lights that are not in this plan may be wanted again while nobody else takes their tiles.
-        held = {*frame.maps.owners.values(), *frame.shadows.owners.values()}
+        held = {*frame.light_atlas(plan).owners.values(), *frame.shadows.owners.values()}
         for name in set(self._states) - held - {p.name for p in plan.passes}:
             del self._states[name]
         weights = {p.name: self._weights.get(p.kind, 1e-3) for p in plan.passes}
@@ -314,7 +314,7 @@ class Renderer:
         if p.kind == "fields":
             output = frame.field_serials()
         elif p.kind == "transmittance_map":
-            output = (frame.maps.owner(plan, p.payload.tile),)
+            output = (frame.light_atlas(plan).owner(plan, p.payload.tile),)
         elif p.kind == "shadow_map":
             first = p.payload.first_tile
             output = tuple(frame.shadows.owner(plan, first + i) for i in range(len(p.payload.shadow.matrices)))

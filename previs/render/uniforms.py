@@ -11,9 +11,9 @@ import numpy as np
 
 from .. import blackbody
 from ..description import Light, Volume
-from .draws import steps_across
+from .draws import light_steps_across, steps_across
 from .light_lists import MOST_CELLS, MOST_INDICES, LightLists
-from .planned import MAP_KINDS_NUMBERS, PHASE_NUMBERS, SHADOW_KIND_NUMBERS, Plan
+from .planned import MAP_KINDS_NUMBERS, PHASE_NUMBERS, SHADOW_KIND_NUMBERS, Plan, PlannedMap
 from .projection import relative_to
 from .resources import Placement
 
@@ -29,18 +29,18 @@ BLOCKS = {
 
 _VOLUME_ROWS = 15
 _LIGHT_ROWS = 14
-_LIGHT_MAP_ROWS = 7
+_LIGHT_MAP_ROWS = 8
 _EMISSION_ROWS = 12
 
 _SHAPE_GRID, _SHAPE_BOX, _SHAPE_SPHERE, _SHAPE_CAPSULE = range(4)
 
 
 def step_length(volume: Volume, placements: dict[str, Placement], steps: int) -> float:
-    """World length of a step: the longest diagonal of the volume's bounds over the number of steps (0: as planned)."""
+    """World length of a step: the longest diagonal of the volume's bounds over the number of steps."""
     lo, hi, to_world = _unit_box(volume, placements)
     edges = (np.asarray(hi) - np.asarray(lo))[:, None] * to_world[:3, :3]
     signs = np.array([[1, a, b] for a in (-1, 1) for b in (-1, 1)])
-    return float(np.linalg.norm(signs @ edges, axis=1).max()) / steps_across(volume, steps)
+    return float(np.linalg.norm(signs @ edges, axis=1).max()) / steps
 
 
 def _unit_box(volume: Volume, placements: dict[str, Placement]):
@@ -81,9 +81,9 @@ def pack_volumes(plan: Plan, placements: dict[str, Placement]) -> bytes:
             shape = _SHAPE_GRID
         else:
             shape = {"Box": _SHAPE_BOX, "Sphere": _SHAPE_SPHERE, "Capsule": _SHAPE_CAPSULE}[type(volume.shape).__name__]
-        row[5, 3] = step_length(volume, placements, plan.settings.steps)
+        row[5, 3] = step_length(volume, placements, steps_across(volume, plan.settings.steps))
         row[6, :3] = medium.strength
-        row[6, 3] = step_length(volume, placements, plan.settings.light_steps)
+        row[6, 3] = step_length(volume, placements, light_steps_across(volume, plan.settings))
         row[7, :3], row[7, 3] = medium.albedo, shape
         row[8] = (medium.anisotropy, medium.anisotropy2, medium.lobe_mix, PHASE_NUMBERS[medium.phase])
         row[9, :3] = _emission(volume)
@@ -177,6 +177,12 @@ def clamp_radius(light: Light) -> float:
     return 0.0 if light.kind != "sphere" or light.treat_as_point else light.world_radius
 
 
+def slice_distances(item: PlannedMap, slices: int) -> tuple[float, float]:
+    """Distance of the first slice along a light's rays, counted from the centre's, and from one slice to the next."""
+    first, last = item.fit.reach
+    return first, max(last - first, 1e-30) / (slices - 1)
+
+
 def pack_light_maps(plan: Plan, batch: range, capacity: int) -> bytes:
     """The `LightMaps` block of one batch; `capacity` is the LIGHT_CAPACITY of the program."""
     count = max(len(plan.volumes), 1)
@@ -191,4 +197,7 @@ def pack_light_maps(plan: Plan, batch: range, capacity: int) -> bytes:
         row[5, :3] = fit.from_light
         row[5, 3] = np.linalg.norm(fit.from_light)
         row[6] = (*plan.map_atlas.corner(item.tile), item.weighting / item.reference, item.stretched)
+        if plan.map_slices:
+            first, spacing = slice_distances(item, plan.map_slices)
+            row[7, :2] = first, 1.0 / spacing
     return rows.tobytes()

@@ -18,7 +18,7 @@ from typing import Literal
 
 from ..description import Volume
 from ..quality import PRESET_KNOBS, at_most
-from ..render.draws import steps_across
+from ..render.draws import fine_steps_across, steps_across
 from ..render.measure import brute_force, converged
 from ..render.method import method_of
 from ..settings import BY_NAME, Settings
@@ -175,7 +175,7 @@ def _finer(settings: Settings, volumes: Sequence[Volume], part: float, map_size:
         march_divisor=1,
         coefficients=least + 2 * math.ceil(part * more),
         map_size=map_size,
-        light_steps=max((2 * steps_across(v, 0) for v in grids), default=0),
+        light_steps=max((2 * fine_steps_across(v) for v in grids), default=0),
         threshold=0.0,
         density_weighting=0.0,
     )

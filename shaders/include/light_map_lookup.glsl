@@ -8,11 +8,13 @@ struct LightMap {
     vec4 centre;       // relative to the render origin; w: MAP_*
     vec4 from_light;   // light -> centre, or the direction of travel; w: its length
     vec4 tile;         // first texel x, y; z: exponent per unit of extinction; w: 1 where levels are stretched
+    vec4 slices;       // distance of the first from the light, from the centre's; slices per unit of distance
 };
 
 layout(std140) uniform LightMaps { LightMap light_maps[LIGHT_CAPACITY * VOLUME_COUNT]; };
 
 uniform float map_size;
+#if MAP_CURVE != CURVE_SLICES
 uniform sampler2D map_values0;
 #if MAP_LAYERS > 1
 uniform sampler2D map_values1;
@@ -25,6 +27,7 @@ uniform sampler2D map_values3;
 #endif
 #if MAP_LAYERS > 4
 uniform sampler2D map_values4;
+#endif
 #endif
 
 // Map coordinate of a point relative to the volume's centre; false outside the map, where there is nothing on the way.

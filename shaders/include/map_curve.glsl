@@ -2,6 +2,7 @@
 
 #define CURVE_COSINE 0
 #define CURVE_QUANTILE 1
+#define CURVE_SLICES 2
 
 #if MAP_CURVE == CURVE_COSINE
 
@@ -18,7 +19,7 @@ float map_curve(vec4 c[MAP_LAYERS], float x) {
     return 0.5 * c[0].x + 0.5 * twice * b1 - b2;
 }
 
-#else
+#elif MAP_CURVE == CURVE_QUANTILE
 
 // Where, as a part of the range, the curve crosses the i-th of COEFFICIENTS + 1 evenly spaced levels between 1 and its end.
 float quantile(vec4 c[MAP_LAYERS], int i) {

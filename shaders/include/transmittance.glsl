@@ -11,7 +11,9 @@
 #include "include/transmittance_march.glsl"
 #else
 #include "include/light_map_lookup.glsl"
-#if MAP_ADAPTIVE
+#if MAP_CURVE == CURVE_SLICES
+#include "include/transmittance_slices.glsl"
+#elif MAP_ADAPTIVE
 #include "include/transmittance_adaptive.glsl"
 #else
 #include "include/transmittance_full_range.glsl"
