@@ -41,8 +41,9 @@ const float PART_OF_DEPTH = 0.4;
 // How much of a light more or less is an edge, and to which part of a step its place is searched for.
 const float EDGE = 0.1;
 const float EDGE_PART = 0.04;
-uniform int most_cuts;  // in one draw
-int cuts = 0;
+// A ray may go back as long as enough iterations are left for whole steps.
+uniform float iterations_left;  // in this draw and those after it
+uniform float iterations_kept;  // for the beginnings of segments and for leaps
 
 // A long march is drawn in slices of so many iterations: each takes up the state that the one before it left.
 uniform int slice_length;
@@ -288,6 +289,8 @@ void main() {
     float next = s;       // end of the segment: between two neighbouring bounds the same volumes are marched through
     float longest = 1e30; // step of the segment
     float tried = 1e30;   // length of the next step at the most
+    float begun = s;      // the segment
+    float whole = 0.0;    // steps of full length from there to the end
     // One iteration after the other, whatever it is for: a step, one that is tried again shorter, a leap, the beginning of a segment. A
     // processor runs many pixels side by side and skips nothing by a branch: what stands in the loop once is paid for once.
     for (int n = 0; n < slice_length; ++n) {
@@ -295,10 +298,13 @@ void main() {
         if (s >= next) {
             next = end;
             longest = 1e30;
+            begun = s;
+            whole = 0.0;
             bool any_inside = false;
             for (int v = 0; v < VOLUME_COUNT; ++v) {
                 inside[v] = spans[v].x < spans[v].y && spans[v].x <= s && spans[v].y > s;
                 if (spans[v].x < spans[v].y && spans[v].x > s) next = min(next, spans[v].x);
+                if (spans[v].x < spans[v].y) whole += max(spans[v].y - max(spans[v].x, s), 0.0) / volumes[v].atlas_offset.w;
                 if (inside[v]) {
                     next = min(next, spans[v].y);
                     any_inside = true;
@@ -333,10 +339,8 @@ void main() {
         float parts = ceil(rest / longest - 1e-3);
         float s1 = parts > 1.0 ? s + rest / parts : next;
 #endif
-        if (tried < s1 - s && cuts < most_cuts) {
-            s1 = s + tried;
-            ++cuts;
-        }
+        bool may_cut = iterations_left - float(n) > iterations_kept + whole - (s - begun) / longest;
+        if (may_cut) s1 = min(s1, s + tried);
         if (!known) s1 = s;
         float h = s1 - s;
 
@@ -371,7 +375,7 @@ void main() {
         bool again = false;
         float seen_depth = strongest_visible(extinction) * h;
         float wanted = 1e30;
-        if (seen_depth > DEEP_STEP && cuts < most_cuts && known) {
+        if (seen_depth > DEEP_STEP && may_cut && known) {
             // Where an extinction that is linear to the middle has summed to as much as a part may have.
             float depth = part_depth();
             float square = extinction0 * extinction0 + 4.0 * depth * (extinction1 - extinction0) / h;
@@ -417,7 +421,7 @@ void main() {
             seen *= 0.5 * (seen_begin + seen_end);
             // Edges of shadows and of hard cones are the only discontinuities along a ray: they are searched for, so that their place is
             // not rounded to whole steps, which would show as bands.
-            if (abs(seen_begin - seen_end) > EDGE && h > EDGE_PART * longest && cuts < most_cuts && known) {
+            if (abs(seen_begin - seen_end) > EDGE && h > EDGE_PART * longest && may_cut && known) {
                 again = true;
                 wanted = min(wanted, 0.5 * h);
             }
@@ -430,7 +434,6 @@ void main() {
 #endif
         if (again) {
             tried = wanted;
-            ++cuts;
             continue;
         }
         if (known) {

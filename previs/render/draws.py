@@ -22,10 +22,13 @@ LIGHT_BYTES, VOLUME_BYTES, PAIR_BYTES = 14 * 16, 15 * 16, 8 * 16
 #: Loop iterations in one invocation of a shader. Mesa's llvmpipe silently ends all loops after 65535; a GPU's watchdog
 #: ends a draw that takes too long. Longer marches are drawn in batches of lights and slices of the ray.
 LOOP_BUDGET = 50_000
-#: Optically deep steps of a ray that are cut once more, at the most: about two for every unit of optical depth until a
-#: ray is opaque in the last of three channels.
+#: Iterations in which a ray cuts optically deep steps, at the least: about two for every unit of optical depth until it
+#: is opaque in the last of three channels. For the edges of shadows an eighth of as many are added for every light.
 MOST_CUTS = 160
-#: With fewer the front of a dense medium is not resolved.
+#: Lights whose edges a ray may meet.
+MOST_EDGES = 32
+#: Lights are drawn in smaller batches rather than rays in shorter slices; where a slice has less than a third of these
+#: iterations no step is cut, as none would get anywhere.
 FEW_CUTS = 24
 #: Steps of a view ray across the longest diagonal of a volume at the least, when the number is left to the plan: of
 #: voxels, and of a homogeneous shape, in which nothing but shadows tells how fine they have to be.
@@ -70,8 +73,8 @@ def _voxels_across(volume: Volume) -> float:
 def march_draws(
     records, lights: int, settings: Settings, limits: DeviceLimits, longest: int | None = None
 ) -> tuple[tuple[range, ...], tuple[range, ...], int]:
-    """How a march is cut into draws: ranges of lights, ranges of the steps of a ray, and how many deep steps a draw may
-    cut. `longest` is the length of the longest list of lights, None without lists.
+    """How a march is cut into draws: ranges of lights, ranges of the iterations of a ray, and in how many of these it
+    may cut steps. `longest` is the length of the longest list of lights, None without lists.
 
     Raises:
         PrevisError: when the way to one light alone takes more steps than a draw may.
@@ -90,25 +93,33 @@ def march_draws(
     most = MAX_LIGHTS_PER_BATCH if longest is None else MAX_LISTED_PER_BATCH
     most = min(most, pairs, limits.uniform_block_size // LIGHT_BYTES)
     if longest is None:
-        most = min(most, LOOP_BUDGET // per_light)
+        most = min(most, LOOP_BUDGET // (FEW_CUTS * per_light))
     # A power of two, as the blocks are sized in powers of two: few shader variants for many numbers of lights.
     size = 2 ** int(math.log2(max(most, 1)))
     batches = tuple(range(i, min(i + size, lights)) for i in range(0, lights, size)) or (range(0),)
-    # A ray takes no more steps than it would in every volume apart, and two more for each of its segments, and leaps no
-    # more often than it crosses cells; in a spot's projection a segment has a least number of steps.
-    segments = 2 * volumes
-    steps = sum(steps_across(v, settings.steps) for v in records) + segments * 3
-    if settings.skip_empty:
-        steps += sum(sum(cells_across(v)) for v in grids)
-    if not grids:
-        steps += segments * projective_minimum(settings)
-    per_batch = max(len(b) for b in batches)
-    per_step = 3 * (volumes + 1) + (per_batch if longest is None else min(longest, per_batch)) * per_light
-    # Rather shorter slices than uncut steps; a slice takes one step at the least besides those that are cut.
-    cuts = min(MOST_CUTS, 3 * LOOP_BUDGET // (4 * per_step))
-    length = max(1, LOOP_BUDGET // per_step - cuts)
+    # A ray takes no more steps than it would in every volume apart.
+    steps = sum(steps_across(v, settings.steps) for v in records) + other_iterations(records, settings)
+    met = max(len(b) for b in batches) if longest is None else min(longest, max(len(b) for b in batches))
+    per_step = 3 * (volumes + 1) + met * per_light
+    length = max(1, LOOP_BUDGET // per_step - 1)
+    cuts = MOST_CUTS * (8 + min(met, MOST_EDGES)) // 8 if length >= FEW_CUTS // 3 else 0
+    steps += cuts
     slices = tuple(range(i, min(i + length, steps)) for i in range(0, steps, length))
     return batches, slices, cuts
+
+
+def other_iterations(volumes, settings: Settings) -> int:
+    """Iterations of a march that are no steps of full length, at the most: ends and beginnings of segments, of which
+    there are no more than bounds of volumes, leaps, which are no more than the cells that a ray crosses, and in a
+    spot's projection the least number of steps of a segment."""
+    segments = 2 * max(len(volumes), 1)
+    grids = [v for v in volumes if v.density is not None]
+    count = segments * 3
+    if settings.skip_empty:
+        count += sum(sum(cells_across(v)) for v in grids)
+    if not grids:
+        count += segments * projective_minimum(settings)
+    return count
 
 
 def cells_across(volume: Volume) -> tuple[int, ...]:

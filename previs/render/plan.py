@@ -19,7 +19,7 @@ from ..errors import PrevisError
 from ..index import RenderIndex, camera_key
 from ..settings import Settings
 from .atlas import AtlasLayout
-from .draws import FEW_CUTS, VOLUME_BYTES, march_draws
+from .draws import VOLUME_BYTES, march_draws
 from .fields import SPARSE_ROLES, field_dims, storage
 from .light_lists import MOST_CELLS, MOST_INDICES, reaches_box
 from .light_plan import map_resolution, meeting_grids, plan_light_lists, plan_maps, plan_shadows
@@ -141,8 +141,8 @@ def make_plan(
     batches, slices, cuts = march_draws(records, len(lights), settings, limits, lists[0].longest if lists else None)
     if lists and len(batches) > 1:
         lists = plan_light_lists(volumes, lights, settings, limits, batches)
-    if cuts < FEW_CUTS and grids:
-        message = f"the way to the lights takes so many steps that only {cuts} deep steps of the view can be cut finer"
+    if not cuts and grids:
+        message = "the way to the lights takes so many steps that no deep steps of the view can be cut finer"
         notes.append(Note("approximated", records[grids[0]].path, message))
     view = (camera_key(conformed), width, height, shift, rays.key(), origin.tobytes())
     target = (width, height) if pixels is None else pixels.target_size

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import moderngl
 
-from ..draws import projective_minimum
+from ..draws import other_iterations, projective_minimum
 from ..frame import Frame
 from ..planned import Plan, PlannedPass
 
@@ -43,6 +44,7 @@ def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iter
     plan = frame.plan
     draws = [(batch, part) for batch in plan.batches for part in plan.slices]
     program = frame.fullscreen("march.frag", RESUMES=len(draws) > 1)
+    kept = other_iterations(plan.volumes, plan.settings) if plan.cuts else math.inf
     previous = None
     for number, (batch, part) in enumerate(draws):
         target = frame.targets[names[(len(draws) - 1 - number) % 2]]
@@ -55,9 +57,10 @@ def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iter
                 program.set(
                     opacity_cutoff=plan.settings.opacity_cutoff,
                     projective_minimum=projective_minimum(plan.settings),
-                    most_cuts=plan.cuts,
                     # One more, to find what there is where it begins.
-                    slice_length=len(part) + plan.cuts + 1,
+                    slice_length=len(part) + 1,
+                    iterations_left=plan.slices[-1].stop - part.start,
+                    iterations_kept=kept,
                     first_slice=part is plan.slices[0],
                 )
                 if plan.meshes:
