@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 
 import moderngl
 
@@ -55,10 +55,17 @@ class SliceAtlas:
 
 
 class SliceTargets:
-    """What the slices of one tile are drawn into, a draw at a time, before they are copied; a context that frees it."""
+    """What the slices of one tile are drawn into, a draw at a time, before they are copied; a context that frees it.
 
-    def __init__(self, context: moderngl.Context, size: int) -> None:
-        self._context, self._size = context, size
+    Args:
+        context: to make it in.
+        size: texels along the side of the tile.
+        leave: called before it is freed; binds another framebuffer. moderngl binds again what was bound last whenever
+            it makes one, and that may be gone by then.
+    """
+
+    def __init__(self, context: moderngl.Context, size: int, leave: Callable[[], None]) -> None:
+        self._size, self._leave = size, leave
         self._layers = [context.texture((size, size), 4, dtype="f2") for _ in range(LAYERS)]
         # The depth that one draw came to is read by the next: two take turns.
         self._reached = [context.texture((size, size), 1, dtype="f4") for _ in range(2)]
@@ -71,6 +78,7 @@ class SliceTargets:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._leave()
         for resource in (*self._framebuffers, *self._layers, *self._reached, self._copied):
             resource.release()
 

@@ -32,7 +32,7 @@ def fill_slices(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     step = step_length(volume, frame.density.placements, light_steps_across(volume, settings))
     draws = plan.map_slices // SLICES_PER_DRAW
     frame.slices.owners[item.tile] = planned.name
-    with SliceTargets(frame.context, size) as targets:
+    with SliceTargets(frame.context, size, frame.rest) as targets:
         for number in range(draws):
             framebuffer = targets.framebuffer(number)
             done = number / draws, (number + 1) / draws
