@@ -107,6 +107,9 @@ METHODS: Mapping[str, Method] = {
     )
 }
 
+#: The method whose maps of few values are the most accurate.
+BEST_MAP = "quantile"
+
 
 def method_of(settings: Settings) -> Method:
     """The method that the settings ask for."""

@@ -1,8 +1,8 @@
 """The probe: what the renderer knows of one ray of a light, beside the truth.
 
 The curve of transmittance along a light's ray through a point is what transmittance maps are about: the probe gives the
-marched curve, and the ones that maps of 6 and of 14 values of the default method, and of the current settings,
-reconstruct, with the ranges they were stored over. All come from one draw each of a row of pixels by the GLSL that
+marched curve, and the ones that maps of 6 and of 14 values, and those of the current settings, reconstruct, with the
+ranges they were stored over. All come from one draw each of a row of pixels by the GLSL that
 lights media, so that they show what the renderer does and not what it should do. Of each map only the texels around the
 ray are filled.
 """
@@ -20,17 +20,17 @@ import numpy as np
 from ..description import Camera, Light, SceneDescription, Volume, transform_points, volume_box
 from ..errors import PrevisError
 from ..index import RenderIndex
-from ..settings import BY_NAME, Settings
+from ..settings import Settings
 from .context import check_errors
 from .draws import LOOP_BUDGET, fine_steps_across
 from .frame import Frame
-from .method import METHODS, method_of
+from .method import BEST_MAP, METHODS, method_of
 from .passes import RUNNERS
 from .planned import PassKind, Plan, PlannedPass
 from .projection import LightMap
 from .renderer import Renderer
 
-#: Numbers of values that are always compared, of the default method: interactive and high quality.
+#: Numbers of values that are always compared, of the `BEST_MAP`: interactive and high quality.
 COMPARED = (6, 14)
 #: Points of a curve.
 SAMPLES = 1024
@@ -50,7 +50,8 @@ class ProbeCurve:
 
     `transmittance` (N, 3) in [0, 1] at the distances of the probe, through all volumes, without meshes. `k_min` and
     `k_max` are the distances between which the map of the probe's volume holds the curve; both NaN for a march, for
-    media in closed form, and where the ray meets nothing that the map would hold.
+    media in closed form, and where the ray meets nothing that the map would hold. `coefficients` is 0 for a method
+    without any; of `slices` there are so many, 0 for other methods.
     """
 
     method: str
@@ -58,12 +59,15 @@ class ProbeCurve:
     transmittance: np.ndarray
     k_min: float = math.nan
     k_max: float = math.nan
+    slices: int = 0
 
     @property
     def name(self) -> str:
         """The method in a few words."""
-        method = METHODS[self.method]
-        return f"{self.method}, {self.coefficients} {method.values}" if method.has_maps else self.method
+        if self.slices:
+            return f"{self.slices} {self.method}"
+        values = METHODS[self.method].values
+        return f"{self.method}, {self.coefficients} {values}" if values else self.method
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +86,8 @@ class TransmittanceProbe:
         distance: of the samples, rising, (N,).
         picked: distance of the point.
         march: the curve by a fine march, the truth.
-        curves: the curves that maps reconstruct, of 6 and 14 values of the default method, then of the settings where
-            they ask for another map.
+        curves: the curves that maps reconstruct, of 6 and 14 values of the `BEST_MAP`, then of the settings where they
+            ask for another map, or for slices.
         visibility: how much of the light gets past the meshes to a sample, in [0, 1], (N,); media are not in it.
         threshold: the transmittance below which the ranges end that the first curve's map of the probe's volume was
             stored over; that of the settings, 0 for automatic, where there is no map.
@@ -150,13 +154,13 @@ def probe(
     # Where one of four texels is taken at random, their blend is the mean.
     if settings.map_filter == "stochastic":
         settings = settings.replace(map_filter="blend")
-    methods = [(BY_NAME["transmittance"].default, n) for n in COMPARED]
-    if method_of(settings).has_maps and (settings.transmittance, settings.coefficients) not in methods:
-        methods.append((settings.transmittance, settings.coefficients))
+    compared = [settings.replace(transmittance=BEST_MAP, coefficients=n) for n in COMPARED]
+    if method_of(settings).has_maps and settings not in compared:
+        compared.append(settings)
     with _beside(renderer) as other:
         ray = _Ray(other, index, alone, point, direction, (first, last), samples)
         march = ray.evaluate(settings.replace(transmittance="march", light_steps=_fine_steps(scene)))
-        curves = [ray.evaluate(settings.replace(transmittance=m, coefficients=n)) for m, n in methods]
+        curves = [ray.evaluate(s) for s in compared]
     return TransmittanceProbe(
         light=light_path,
         point=point,
@@ -167,8 +171,15 @@ def probe(
         picked=-zero,
         march=ProbeCurve("march", 0, march.transmittance),
         curves=tuple(
-            ProbeCurve(m, n, c.transmittance, c.k_min - zero, c.k_max - zero)
-            for (m, n), c in zip(methods, curves, strict=True)
+            ProbeCurve(
+                s.transmittance,
+                s.coefficients if method_of(s).values else 0,
+                c.transmittance,
+                c.k_min - zero,
+                c.k_max - zero,
+                c.slices,
+            )
+            for s, c in zip(compared, curves, strict=True)
         ),
         visibility=march.visibility,
         threshold=curves[0].threshold or settings.threshold,
@@ -249,6 +260,8 @@ class _Found:
     k_max: float
     #: Of the map of the probe's volume; 0 without one.
     threshold: float
+    #: How many there are of the light; 0 for other methods.
+    slices: int
 
 
 class _Ray:
@@ -284,7 +297,7 @@ class _Ray:
         camera = Camera("", np.eye(4))
         whole = self._renderer.plan(self._index, camera, 1, 1, settings)
         if whole.maps:
-            settings = settings.replace(map_size=whole.map_size)
+            settings = settings.replace(map_size=whole.map_size, slices=whole.map_slices)
         if whole.shadow_tiles:
             settings = settings.replace(shadow_map_size=whole.shadow_size)
         return self._renderer.plan(self._alone, camera, 1, 1, settings)
@@ -316,7 +329,7 @@ class _Ray:
         k_min, k_max = (float(row[0]), float(row[1])) if row[2] > 0.5 else (math.nan, math.nan)
         ended = [m.threshold for m in plan.maps if plan.volumes[m.volume].path == self.volume]
         values, visibility = transmittance[:, :3].astype(float), transmittance[:, 3].astype(float)
-        return _Found(values, visibility, k_min, k_max, ended[0] if ended else 0.0)
+        return _Found(values, visibility, k_min, k_max, ended[0] if ended else 0.0, plan.map_slices)
 
     def _run(self, frame: Frame, planned: PlannedPass) -> None:
         """Run a pass at once; of a transmittance map only the texels around the ray."""
