@@ -55,20 +55,23 @@ def test_march_equals_the_quadrature_in_larger_pictures(name: str, renderer: pre
 
 
 @pytest.mark.parametrize(
-    ("name", "at_sixteen_steps"),
-    [("box and sun", 0.004), ("point light outside", 0.008), ("grid rotated and stretched", 0.002)],
+    ("name", "at_sixteen_steps", "rounding"),
+    # What voxels are rounded to, half floats, stays however fine the steps are.
+    [("box and sun", 0.002, 0.0), ("point light outside", 0.004, 0.0), ("grid rotated and stretched", 0.002, 2.4e-5)],
 )
 def test_the_march_converges_quadratically(
-    name: str, at_sixteen_steps: float, renderer: previs.Renderer, record_property
+    name: str, at_sixteen_steps: float, rounding: float, renderer: previs.Renderer, record_property
 ) -> None:
-    """Four times the steps, a tenth of the error or less; and few steps do already, as they are taken analytically."""
+    """Four times the steps, a tenth of the error or less, once they are so short that none is cut for its depth; and
+    few steps do already, as deep ones are cut and all are taken analytically."""
     case = CASES[name]()
     truth = reference_image(case.scene, case.camera, *SIZE)
     errors = []
-    for steps in (16, 64):
+    for steps in (16, 32, 128):
         settings = Settings(**{**CONVERGED, "steps": steps})
         image = renderer.render(index_of(case.scene), case.camera, SIZE, settings)
         errors.append(metrics.mean_relative_error(image.color, truth.color))
         record_property(f"{steps} steps", errors[-1])
     assert errors[0] <= at_sixteen_steps
-    assert errors[1] <= 0.1 * errors[0]
+    assert errors[1] < errors[0]
+    assert errors[2] <= 0.1 * errors[1] + rounding
