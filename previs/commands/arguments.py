@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import argparse
 import os
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from ..quality import PRESET_KNOBS, QUALITIES, preset
-from ..settings import BY_NAME, TABLE
+from ..settings import BY_NAME, TABLE, Settings
+
+if TYPE_CHECKING:
+    from ..description import Note
 
 _PURPOSES = ("default", "render", "proxy", "guide")
+#: The method that takes a number of coefficients where none is named that does.
+_WITH_COEFFICIENTS = "quantile"
+#: What a flag does besides setting its knob.
+_MORE = {"coefficients": f" Without --transmittance it chooses maps that have them, {_WITH_COEFFICIENTS}."}
 
 
 def add_stage_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,7 +70,7 @@ def add_setting_arguments(parser: argparse.ArgumentParser) -> None:
                 setting.flag,
                 dest=f"setting_{setting.name}",
                 metavar=("|".join(str(c) for c in setting.choices) or "N"),
-                help=setting.doc.replace("%", "%%") + default,
+                help=setting.doc.replace("%", "%%") + _MORE.get(setting.name, "") + default,
             )
     names = ", ".join(s.name for s in TABLE)
     group.add_argument(
@@ -78,10 +86,12 @@ def preset_from(arguments: argparse.Namespace) -> dict[str, Any]:
 def settings_from(arguments: argparse.Namespace) -> dict[str, Any]:
     """The knobs that the arguments set one by one, by name; a preset, the stage and the defaults have the others.
 
+    Asking for a number of coefficients by their flag is asking for a method that has them.
+
     Raises:
         ValueError: one sentence naming the knob and what it accepts.
     """
-    values = {}
+    values: dict[str, Any] = {}
     for setting in TABLE:
         given = getattr(arguments, f"setting_{setting.name}", None)
         if given is not None:
@@ -93,7 +103,20 @@ def settings_from(arguments: argparse.Namespace) -> dict[str, Any]:
         if name not in BY_NAME:
             raise ValueError(f"--set {assignment}: no knob {name!r}; known are {', '.join(BY_NAME)}")
         values[name] = value
+    if getattr(arguments, "setting_coefficients", None) is not None:
+        values.setdefault("transmittance", _WITH_COEFFICIENTS)
     return {name: BY_NAME[name].parse(value) for name, value in values.items()}
+
+
+def idle_notes(explicit: Mapping[str, Any], settings: Settings) -> list[Note]:
+    """What is said of knobs that were set one by one and have no effect with these settings."""
+    from ..description import Note
+    from ..render.method import method_of
+
+    method = method_of(settings)
+    if "coefficients" in explicit and not method.has_coefficients:
+        return [Note("ignored", "coefficients", f"transmittance={method.name} stores none")]
+    return []
 
 
 def open_scene(arguments: argparse.Namespace):

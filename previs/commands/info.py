@@ -10,7 +10,14 @@ import numpy as np
 
 from ..description import volume_world_bounds
 from ..settings import BY_NAME, Settings
-from .arguments import add_setting_arguments, add_stage_arguments, open_scene, preset_from, settings_from
+from .arguments import (
+    add_setting_arguments,
+    add_stage_arguments,
+    idle_notes,
+    open_scene,
+    preset_from,
+    settings_from,
+)
 from .view_of import camera_and_size
 
 
@@ -41,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
         index = RenderIndex()
         index.update(description)
         plan = make_plan(index, camera, width, height, settings)
-        notes = (*description.notes, *plan.notes)
+        notes = (*idle_notes(explicit, settings), *description.notes, *plan.notes)
         if arguments.json:
             print(json.dumps(_as_json(description, camera, plan, notes), indent=2))
         else:

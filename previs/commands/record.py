@@ -16,7 +16,14 @@ from typing import TYPE_CHECKING, Any
 from ..errors import PrevisError
 from ..io import COLOR_CORRECTIONS, check_format, parse_exposure, preload, write_text
 from ..settings import Settings
-from .arguments import add_setting_arguments, add_stage_arguments, open_scene, preset_from, settings_from
+from .arguments import (
+    add_setting_arguments,
+    add_stage_arguments,
+    idle_notes,
+    open_scene,
+    preset_from,
+    settings_from,
+)
 from .frames import frame_path, has_placeholder, parse_frames
 from .view_of import camera_and_size, with_camera_light
 
@@ -156,7 +163,8 @@ def run(arguments: argparse.Namespace) -> int:
             except PrevisError as error:
                 recording.fail(frame, error)
                 continue
-            notes = list(image.stats["notes"]) + _light_notes(description)
+            notes = [str(note) for note in idle_notes(explicit, chosen)]
+            notes += list(image.stats["notes"]) + _light_notes(description)
             notes += [unmeasured] if unmeasured is not None else []
             notes += [str(choice)] if choice is not None and not choice.met else []
             recording.write(_Drawn(frame, output, image, camera.path, notes, choice, clock.perf_counter() - begin))

@@ -59,6 +59,11 @@ class Method:
         """Whether it fills transmittance maps."""
         return self.curve is not None
 
+    @property
+    def has_coefficients(self) -> bool:
+        """Whether its maps store the values that the knob `coefficients` counts."""
+        return self.curve in ("cosine", "quantile")
+
     def why(self, coefficients: int) -> str:
         """A few words on it for a plan."""
         return f"{coefficients} {self.values}, {self.words}" if self.values else self.words

@@ -37,12 +37,20 @@ def test_each_preset_asks_for_no_more_than_the_next() -> None:
         ("map_filter", "stochastic", "nearest"),
         ("opacity_cutoff", 0.1, 0.1),
         ("opacity_cutoff", 0.0, preset("draft")["opacity_cutoff"]),
-        ("march_divisor", 2, 4),
+        ("march_divisor", 1, preset("draft")["march_divisor"]),
+        ("march_divisor", 4, 4),
+        ("slices", 28, 28),
+        ("slices", 0, preset("draft")["slices"]),
         ("coefficients", 2, 2),
     ],
 )
 def test_settings_that_ask_for_less_keep_it(name: str, given, kept) -> None:
     assert at_most(Settings(**{name: given}), "draft")[name] == kept
+
+
+def test_a_preset_leaves_the_method_of_transmittance_alone() -> None:
+    assert "transmittance" not in PRESET_KNOBS
+    assert at_most(Settings(transmittance="tfm"), "draft").transmittance == "tfm"
 
 
 def test_only_the_knobs_that_are_named_are_lowered() -> None:
