@@ -18,10 +18,11 @@ from .. import metrics
 from ..description import Volume
 from ..image import Image
 from ..io import auto_exposure, display
+from ..render.method import METHODS
 from ..render.probe import probe
 from ..render.renderer import Renderer
 from ..scene import Scene
-from ..settings import BY_NAME, Settings
+from ..settings import Settings
 from . import media, plots
 from .records import plain
 from .reference_scene import reference_camera
@@ -95,8 +96,8 @@ def tables(
 
 
 def own_methods() -> list[str]:
-    """The compact methods besides the published one of [TFM11]."""
-    return [m for m in BY_NAME["transmittance"].choices if m not in ("march", "tfm-plain")]
+    """The methods with a number of values besides the published one of [TFM11]."""
+    return [m.name for m in METHODS.values() if m.has_coefficients and m.name != "tfm-plain"]
 
 
 # --- [TFM11] Table 1 --------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from ..render.method import METHODS
 from .run import Convergence, Result, Run, errors_of, pareto_front
 
 #: The columns of a row, in order, with what they hold.
@@ -16,7 +17,7 @@ COLUMNS = {
     "variant": "name of the way to render; `converged march` is the reference",
     "family": "what is drawn alike: the method, and knobs other than its stored values and steps",
     "method": "transmittance method",
-    "coefficients": "stored values per texel of a map; empty for a march",
+    "coefficients": "stored values per texel of a map; empty for slices and marches",
     "steps": "steps across the longest diagonal of a volume, of view rays; 0 where the plan chose",
     "light_steps": "the same of light rays",
     "mean_relative_error": "mean absolute error of the whole picture over the mean of its lit values",
@@ -61,7 +62,7 @@ def _row(run: Run, result: Result, errors: Mapping[str, float | None]) -> dict[s
         "variant": result.variant.name,
         "family": result.variant.family,
         "method": method,
-        "coefficients": None if method == "march" else settings["coefficients"],
+        "coefficients": settings["coefficients"] if METHODS[method].has_coefficients else None,
         "steps": settings["steps"],
         "light_steps": settings["light_steps"],
         "volume_mean_relative_error": None,

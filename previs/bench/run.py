@@ -27,6 +27,7 @@ from ..errors import PrevisError
 from ..image import Image
 from ..index import RenderIndex
 from ..render.draws import fine_steps_across
+from ..render.method import METHODS
 from ..render.renderer import Renderer
 from ..scene import Scene
 from ..settings import BY_NAME, Settings
@@ -72,7 +73,7 @@ def variants(
     steps: Iterable[int],
     others: Mapping[str, Sequence[Any]] | None = None,
 ) -> list[Variant]:
-    """All combinations of transmittance methods, stored values and steps; a march stores nothing.
+    """All combinations of transmittance methods, stored values and steps; slices and marches have no number of values.
 
     Args:
         methods: values of the knob `transmittance`.
@@ -91,8 +92,8 @@ def variants(
     combined = [dict(zip(others or {}, values, strict=True)) for values in itertools.product(*(others or {}).values())]
     for method in methods:
         BY_NAME["transmittance"].parse(method)
-        stores = method != "march"
-        for more, count in itertools.product(combined if stores else [{}], coefficients if stores else [None]):
+        counts = coefficients if METHODS[method].has_coefficients else [None]
+        for more, count in itertools.product(combined if METHODS[method].has_maps else [{}], counts):
             more = {name: BY_NAME[name].parse(value) for name, value in more.items()}
             unusual = "".join(f", {n} {v}" for n, v in more.items() if v != BY_NAME[n].default)
             for number in steps:

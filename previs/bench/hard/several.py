@@ -37,7 +37,7 @@ def overlapping_volumes(trial: Trial) -> None:
     trial.right(scene(red, blue, SIDE))
     once = trial.render(scene(cloud(4.0), SIDE), **COARSE)
     # A map of half the depth is not the same curve: the methods may differ by their error.
-    limit = 1e-3 if trial.coefficients == 0 else trial.limits[0]
+    limit = 1e-3 if trial.method == MARCH else trial.limits[0]
     trial.same(trial.render(scene(cloud(2.0), cloud(2.0, path="/Again"), SIDE), **COARSE), once, limit)
 
 
@@ -73,7 +73,7 @@ def one_grid_or_eight(trial: Trial) -> None:
         parts.append(volume(piece, medium, TURNED, f"/Part{i}", shift @ transform))
     settings = {"steps": 96, "light_steps": 96, "map_size": 64}
     whole = trial.render(scene(volume(CLOUD, medium, TURNED), SIDE), **settings)
-    limit = 5e-3 if trial.coefficients == 0 else trial.limits[0]
+    limit = 5e-3 if trial.method == MARCH else trial.limits[0]
     trial.same(trial.render(scene(*parts, SIDE), **settings), whole, limit)
 
 

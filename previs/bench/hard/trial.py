@@ -15,6 +15,7 @@ from ...description import Camera, Note, SceneDescription
 from ...errors import PrevisError
 from ...image import Image
 from ...index import RenderIndex
+from ...render.method import METHODS as TRANSMITTANCES
 from ...settings import BY_NAME, Settings
 from ..reference_scene import reference_image
 from .records import FRONT
@@ -25,13 +26,15 @@ METHODS: tuple[str, ...] = BY_NAME["transmittance"].choices
 #: The method that needs no maps, and so no coefficients.
 MARCH = "march"
 #: With maps and without: for what all maps share, such as where a point lies in them.
-MAPS_AND_MARCH: tuple[str, ...] = tuple(dict.fromkeys((BY_NAME["transmittance"].default, MARCH)))
+MAPS_AND_MARCH: tuple[str, ...] = tuple(dict.fromkeys((BY_NAME["transmittance"].default, "quantile", MARCH)))
 #: Stands for the method of a case that no method has a part in; it runs with the default one.
 ANY = "any"
 
 #: Largest mean error against the reference, relative to the mean of the lit pixels, and least PSNR in dB: what is
 #: promised for 6 and for 14 values per texel, and a march that is fit to judge both.
 LIMITS: Mapping[int, tuple[float, float]] = {0: (0.005, 45.0), 6: (0.03, 40.0), 14: (0.01, 45.0)}
+#: The same for slices, which have no number of values.
+SLICES_LIMITS = 0.02, 40.0
 #: What two pictures of the same thing, made in different ways, may differ by: rounding, not method.
 SAME = 1e-3
 
@@ -131,7 +134,7 @@ class Trial:
     @property
     def limits(self) -> tuple[float, float]:
         """Largest mean error and least PSNR of this method against the reference."""
-        return LIMITS[self.coefficients]
+        return SLICES_LIMITS if self.method == "slices" else LIMITS[self.coefficients]
 
     def render(
         self, scene: SceneDescription, camera: Camera = FRONT, size: tuple[int, int] = SIZE, **settings: Any
@@ -245,7 +248,11 @@ class Case:
     def variants(self, methods: Iterable[str] | None = None) -> list[tuple[str, int]]:
         """(method, number of coefficients) of every trial; ANY is part of every choice of methods."""
         chosen = [m for m in self.methods if methods is None or m == ANY or m in set(methods)]
-        return [(m, n) for m in chosen for n in ((0,) if m in (MARCH, ANY) else self.coefficients)]
+        return [(m, n) for m in chosen for n in (self.coefficients if _has_coefficients(m) else (0,))]
+
+
+def _has_coefficients(method: str) -> bool:
+    return method != ANY and TRANSMITTANCES[method].has_coefficients
 
 
 CASES: dict[str, Case] = {}
@@ -256,7 +263,7 @@ def case(
 ) -> Callable[[Check], Check]:
     """Register a function as a case, under its name with spaces.
 
-    Methods without maps, and `ANY`, have no coefficients.
+    Slices, methods without maps, and `ANY`, have no coefficients.
     """
 
     def register(check: Check) -> Check:

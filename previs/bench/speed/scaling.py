@@ -166,7 +166,7 @@ def sweeps(full: bool) -> list[Sweep]:
             "stored values",
             (2, 4, 6, 8, 10, 12, 14, 16) if full else (2, 6, 10, 14),
             lambda size, width: _cloud(side, width),
-            lambda size: {"coefficients": size},
+            lambda size: {"transmittance": "quantile", "coefficients": size},
         ),
     ]
 
