@@ -21,7 +21,7 @@ from ..index import RenderIndex
 from ..render.planned import Plan
 from ..render.renderer import Renderer, Samples, sample_shifts
 from ..settings import Settings
-from .refinement import FINISHED, Level, LevelName, Pace, finer_levels
+from .refinement import FINER_METHOD, FINISHED, Level, LevelName, Pace, SliceCounts, finer_levels
 
 #: Length of the pieces that a picture at rest is drawn in, so that the window can be drawn in between.
 PIECE_SECONDS = 0.008
@@ -267,13 +267,20 @@ class Picture:
         self.level, self.times, self.plan = drawing.level.name, drawing.times, drawing.plan
         self._image = None
         if self.level == "final":
-            plan = drawing.plan
-            self._finer = finer_levels(drawing.request.settings, plan.volumes, plan.map_size, len(plan.maps))
+            self._finer = self._levels_beyond(drawing.request, drawing.plan)
         elif not drawing.level.number:
             self._finer = ()
         self.progress = 1.0
         self.serial += 1
         return True
+
+    def _levels_beyond(self, request: Request, plan: Plan) -> tuple[Level, ...]:
+        """The levels after the final one, which was drawn by that plan."""
+        if plan.maps and not plan.map_slices:
+            settings = request.settings.replace(transmittance=FINER_METHOD)
+            plan = self._final.plan(request.index, request.camera, plan.width, plan.height, settings)
+        counts = SliceCounts(plan.map_size, plan.map_slices, len(plan.maps))
+        return finer_levels(request.settings, plan.volumes, counts)
 
     def _fail(self, request: Request, level: Level, error: PrevisError) -> None:
         if level.number:

@@ -20,7 +20,7 @@ from ..description import Volume
 from ..quality import PRESET_KNOBS, at_most
 from ..render.draws import fine_steps_across, steps_across
 from ..render.measure import brute_force, converged
-from ..render.method import method_of
+from ..render.method import SLICES_PER_DRAW, method_of
 from ..settings import BY_NAME, Settings
 
 LevelName = Literal["draft", "preview", "final", "finer", "exact"]
@@ -43,11 +43,13 @@ DIVISORS = (1, 2, 3, 4, 6, 8)
 DRAFT_KNOBS = tuple(name for name in PRESET_KNOBS if name != "coefficients")
 #: What of its preset a preview takes: the final picture's maps are its own, or they would be made twice.
 PREVIEW_KNOBS = tuple(name for name in PRESET_KNOBS if BY_NAME[name].invalidates == ("march",))
-#: Finer levels go up to so many values of a map, and to maps of twice the size, but of no more texels along a side and
-#: altogether: to fill them would take longer than the brute-force march that they precede.
-FINER_VALUES, FINER_MAP_SIZE, FINER_TEXELS = 14, 1024, 3 * 2**19
-#: Their maps are no smaller than this, and their view rays end where they transmit no more than that.
-FINER_LEAST_MAP, FINER_CUTOFF = 256, 1e-5
+#: Finer levels light media by this method, whatever the settings' maps hold: it comes nearest to the truth.
+FINER_METHOD: str = BY_NAME["transmittance"].default
+#: They go up to twice as many slices of twice the size, but to no more texels along a side, and of all light-space
+#: grids together: to fill them would take longer than the brute-force march that they precede.
+FINER_MAP_SIZE, FINER_TEXELS = 1024, 2**25
+#: Their view rays end where they transmit no more than that.
+FINER_CUTOFF = 1e-5
 #: A picture is as good as the truth where its mean relative error is below this for certain.
 CONVERGED_ERROR = 1e-3
 #: Seconds per pixel before anything was measured: a processor and a graphics card.
@@ -125,21 +127,41 @@ def draft_settings(settings: Settings) -> Settings:
     """The settings of a draft. Light is never marched in it: a map of it is filled sooner."""
     draft = at_most(settings, "draft", DRAFT_KNOBS).replace(antialias=1)
     if not method_of(settings).has_maps:
-        draft = draft.replace(transmittance=BY_NAME["transmittance"].default)
+        draft = draft.replace(transmittance=FINER_METHOD)
     return draft
 
 
-def finer_levels(settings: Settings, volumes: Sequence[Volume], map_size: int = 0, maps: int = 0) -> tuple[Level, ...]:
+@dataclass(frozen=True)
+class SliceCounts:
+    """What light-space grids a plan makes: texels along a side, slices of each, and how many grids; 0 without any."""
+
+    size: int = 0
+    slices: int = 0
+    grids: int = 0
+
+    def larger(self, factor: float) -> SliceCounts:
+        """Grids that are larger by a factor along each of their axes, as far as there is room for so many."""
+        if not self.size * self.slices * self.grids:
+            return self
+        room = (FINER_TEXELS / (self.size**2 * self.slices * self.grids)) ** (1.0 / 3.0)
+        factor = max(min(factor, room, FINER_MAP_SIZE / self.size), 1.0)
+        slices = math.ceil(self.slices * factor / SLICES_PER_DRAW) * SLICES_PER_DRAW
+        return SliceCounts(round(self.size * factor), slices, self.grids)
+
+
+def finer_levels(
+    settings: Settings, volumes: Sequence[Volume], counts: SliceCounts = SliceCounts()
+) -> tuple[Level, ...]:
     """The levels after the final one, on the way to the truth: each has a smaller error than the one before it.
 
-    Each takes twice the steps of the one before, more values, and larger maps. The last one is the truth that errors
+    Each takes twice the steps of the one before, and larger light-space grids. The last one is the truth that errors
     are measured against: light by brute force, converged steps. All have the settings' samples per pixel, each of them
     with all of the level's steps.
 
     Args:
         settings: what the final level is drawn with.
         volumes: that it shows.
-        map_size, maps: texels along the side of its transmittance maps, and how many there are.
+        counts: the light-space grids that it has, or would have by `FINER_METHOD`.
 
     Returns:
         The levels; none where the settings are the truth already, or nothing is marched through.
@@ -156,35 +178,21 @@ def finer_levels(settings: Settings, volumes: Sequence[Volume], map_size: int = 
     levels = []
     for number in range(1, doublings):
         part = number / (doublings - 1)
-        found = _finer(settings, volumes, part, _larger(map_size, maps, 1.0 + part))
+        found = _finer(settings, volumes, counts.larger(1.0 + part))
         found = found.replace(steps=steps * 2**number, opacity_cutoff=min(settings.opacity_cutoff, FINER_CUTOFF))
         levels.append(Level("finer", 1, found, number))
     return (*levels, Level("exact", 1, truth, len(levels) + 1))
 
 
-def _finer(settings: Settings, volumes: Sequence[Volume], part: float, map_size: int) -> Settings:
-    """Better ways for light: maps of more values by the part of the way to the most; a march stays one."""
+def _finer(settings: Settings, volumes: Sequence[Volume], counts: SliceCounts) -> Settings:
+    """Better ways for light: light-space grids of those counts; a march stays one."""
     if not method_of(settings).has_maps:
         return brute_force(settings, list(volumes))
-    least = settings.coefficients
-    more = max(FINER_VALUES - least, 0) / 2.0
-    grids = [v for v in volumes if v.density is not None]
+    least = max((fine_steps_across(v) for v in volumes if v.density is not None), default=0)
     return settings.replace(
-        transmittance=BY_NAME["transmittance"].default,
-        map_filter="blend",
+        transmittance=FINER_METHOD,
         march_divisor=1,
-        coefficients=least + 2 * math.ceil(part * more),
-        map_size=map_size,
-        light_steps=max((2 * fine_steps_across(v) for v in grids), default=0),
-        threshold=0.0,
-        density_weighting=0.0,
+        map_size=counts.size,
+        slices=counts.slices,
+        light_steps=max(least, settings.light_steps),
     )
-
-
-def _larger(size: int, maps: int, factor: float) -> int:
-    """The size of maps that are larger by a factor, as far as there is room for so many; 0 without maps."""
-    if not maps or not size:
-        return 0
-    room = math.isqrt(FINER_TEXELS // maps)
-    wanted = max(min(round(size * factor), FINER_MAP_SIZE), FINER_LEAST_MAP)
-    return max(min(wanted, room), size)

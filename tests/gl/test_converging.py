@@ -14,7 +14,7 @@ from previs.bench.reference_scene import reference_image
 from previs.metrics import mean_relative_error
 from previs.ui import resting
 from previs.ui.picture import Picture, Request
-from previs.ui.refinement import CONVERGED_ERROR, finer_levels
+from previs.ui.refinement import CONVERGED_ERROR, SliceCounts, finer_levels
 from previs.ui.resting import Rest
 
 pytestmark = pytest.mark.gl
@@ -24,7 +24,7 @@ VIEW = camera((0.5, 1.0, 6.0))
 SMOKE = volume(smooth_noise((12, 12, 12)), Medium(extinction=(7.0, 5.0, 4.0), anisotropy=0.3))
 SCENE = scene(SMOKE, distant((0.3, -1.0, 0.2), (3.0, 3.0, 3.0)), point((2.0, 1.0, 1.5), (8.0, 6.0, 4.0)))
 INDEX = index_of(SCENE)
-ROUGH = Settings(steps=64, map_size=64, coefficients=4)
+ROUGH = Settings(steps=64, map_size=64, slices=28)
 _keys = itertools.count()
 
 
@@ -61,12 +61,14 @@ def settle(picture: Picture, rest: Rest) -> tuple[list[int], list[float]]:
     return numbers, errors
 
 
-def test_every_level_is_nearer_the_truth(renderer):
-    plan = renderer.plan(INDEX, VIEW, *SIZE, ROUGH)
-    levels = finer_levels(ROUGH, plan.volumes, plan.map_size, len(plan.maps))
+@pytest.mark.parametrize("values", [{}, {"transmittance": "quantile", "coefficients": 4}], ids=["slices", "maps"])
+def test_every_level_is_nearer_the_truth(renderer, values):
+    rough = ROUGH.replace(**values)
+    plan = renderer.plan(INDEX, VIEW, *SIZE, rough.replace(transmittance="slices"))
+    levels = finer_levels(rough, plan.volumes, SliceCounts(plan.map_size, plan.map_slices, len(plan.maps)))
     assert len(levels) > 3
-    truth = reference_image(SCENE, VIEW, *SIZE, ROUGH, 1e-5).color
-    pictures = [renderer.render(INDEX, VIEW, SIZE, s).color for s in (ROUGH, *(x.settings for x in levels))]
+    truth = reference_image(SCENE, VIEW, *SIZE, rough, 1e-5).color
+    pictures = [renderer.render(INDEX, VIEW, SIZE, s).color for s in (rough, *(x.settings for x in levels))]
     errors = [mean_relative_error(p, truth) for p in pictures]
     assert all(after < before for before, after in pairwise(errors)), errors
     assert errors[0] > CONVERGED_ERROR > errors[-1], errors
@@ -75,18 +77,19 @@ def test_every_level_is_nearer_the_truth(renderer):
 def test_samples_of_a_pixel_do_not_keep_it_from_the_truth(renderer):
     """Averaged pictures of few steps would stay off: the exponential of a mean is not the mean of exponentials."""
     several = ROUGH.replace(antialias=2)
-    last = finer_levels(several, [SMOKE], 64, 2)[-1]
+    last = finer_levels(several, [SMOKE])[-1]
     truth = reference_image(SCENE, VIEW, SIZE[0] * 2, SIZE[1] * 2, several, 1e-5).color
     truth = truth.reshape(SIZE[1], 2, SIZE[0], 2, 3).mean(axis=(1, 3))
     found = renderer.render(INDEX, VIEW, SIZE, last.settings).color
     assert mean_relative_error(found, truth) < CONVERGED_ERROR
 
 
-def test_a_picture_goes_up_to_the_truth(picture, monkeypatch):
+@pytest.mark.parametrize("values", [{}, {"transmittance": "quantile", "coefficients": 4}], ids=["slices", "maps"])
+def test_a_picture_goes_up_to_the_truth(picture, monkeypatch, values):
     monkeypatch.setattr(resting, "CONVERGED_ERROR", 0.0)
     rest = Rest(picture)
     picture.converging = True
-    picture.show(request())
+    picture.show(request(ROUGH.replace(**values)))
     finish(picture)
     final = picture.read()
     numbers, errors = settle(picture, rest)
@@ -107,7 +110,7 @@ def test_a_picture_goes_up_to_the_truth(picture, monkeypatch):
 def test_a_picture_that_is_good_enough_goes_no_further(picture):
     rest = Rest(picture)
     picture.converging = True
-    picture.show(request(Settings(steps=1024, coefficients=16)))
+    picture.show(request(Settings(steps=1024, slices=112)))
     finish(picture)
     numbers, errors = settle(picture, rest)
     assert rest.converged and picture.level != "exact" and errors[-1] < CONVERGED_ERROR
@@ -122,7 +125,7 @@ def test_an_estimate_belongs_to_one_picture(picture):
     settle(picture, rest)
     found = rest.estimate
     assert found is not None and found.pixels == ROUGH.error_pixels and not rest.pending
-    picture.show(request(ROUGH.replace(coefficients=6)))
+    picture.show(request(ROUGH.replace(slices=56)))
     assert rest.estimate is None and not rest.pending, "the next picture is not there yet"
     finish(picture)
     assert rest.estimate is None and rest.pending
@@ -139,7 +142,7 @@ def test_a_change_drops_what_is_under_way(picture, monkeypatch):
     rest.work(0.009)
     rest.work(0.009)
     assert rest.progress > 0.0
-    picture.show(request(ROUGH.replace(coefficients=6)))
+    picture.show(request(ROUGH.replace(slices=56)))
     rest.check(True)
     assert rest.progress == 0.0 and rest._meter is None
     finish(picture)

@@ -10,9 +10,20 @@ from building import sphere, volume
 from previs import Medium, Settings
 from previs.meter import ErrorEstimate, ErrorPart, Estimate
 from previs.quality import preset
+from previs.render.draws import steps_across
 from previs.render.measure import converged
 from previs.ui.error_text import error_hint, error_words, percent
-from previs.ui.refinement import DIVISORS, DRAFT_SECONDS, Level, Pace, draft_settings, final, finer_levels
+from previs.ui.refinement import (
+    DIVISORS,
+    DRAFT_SECONDS,
+    FINER_TEXELS,
+    Level,
+    Pace,
+    SliceCounts,
+    draft_settings,
+    final,
+    finer_levels,
+)
 
 SIZE = (640, 360)
 PIXELS = SIZE[0] * SIZE[1]
@@ -120,30 +131,47 @@ CLOUD = volume(np.ones((8, 8, 8)), Medium(extinction=(4.0, 4.0, 4.0)))
 BALL = sphere(Medium(extinction=(1.0, 1.0, 1.0)))
 
 
-@pytest.mark.parametrize("values", [{}, {"steps": 40}, {"steps": 900, "coefficients": 10}, {"transmittance": "march"}])
+@pytest.mark.parametrize(
+    "values", [{}, {"steps": 40}, {"steps": 900, "transmittance": "quantile"}, {"transmittance": "march"}]
+)
 def test_every_finer_level_has_twice_the_steps_and_the_last_is_the_truth(values):
     settings = Settings(**values)
-    levels = finer_levels(settings, [CLOUD], 256, 1)
+    counts = SliceCounts(256, 56, 1)
+    levels = finer_levels(settings, [CLOUD], counts)
     assert [level.number for level in levels] == list(range(1, len(levels) + 1))
     assert [level.name for level in levels] == ["finer"] * (len(levels) - 1) + ["exact"]
-    steps = [settings.steps or 256, *(level.settings.steps for level in levels)]
+    steps = [settings.steps or steps_across(CLOUD, 0), *(level.settings.steps for level in levels)]
     assert all(b == 2 * a for a, b in pairwise(steps[:-1])) and steps[-2] < steps[-1] <= 2 * steps[-2]
     assert levels[-1].settings == converged(settings, [CLOUD])
     assert levels[-1].settings.transmittance == "march" and levels[-1].settings.light_steps == 0
     for before, after in pairwise([settings, *(level.settings for level in levels)]):
         assert after.opacity_cutoff < before.opacity_cutoff or after.opacity_cutoff == 1e-5
-        if after.transmittance != "march":
-            assert after.coefficients >= before.coefficients and after.map_size >= before.map_size
-    assert settings.transmittance == "march" or len(levels) < 2 or levels[-2].settings.coefficients == 14
+    sizes = [(x.settings.map_size, x.settings.slices) for x in levels if x.settings.transmittance == "slices"]
+    if settings.transmittance == "march":
+        assert not sizes
+    else:
+        assert all(b > a for a, b in pairwise([(counts.size, counts.slices), *sizes])), sizes
+        assert sizes[-1] == (512, 112)
 
 
-def test_maps_of_finer_levels_are_larger_while_there_is_room():
-    sizes = [level.settings.map_size for level in finer_levels(Settings(), [CLOUD], 300, 2)[:-1]]
-    assert sizes == [450, 600]
-    many = [level.settings.map_size for level in finer_levels(Settings(), [CLOUD], 300, 60)[:-1]]
-    assert many == [300, 300]
-    # Without voxels there are no maps.
-    assert {level.settings.map_size for level in finer_levels(Settings(), [BALL])} == {0}
+def test_light_space_grids_of_finer_levels_are_larger_while_there_is_room():
+    found = [x.settings for x in finer_levels(Settings(steps=256), [CLOUD], SliceCounts(180, 56, 2))[:-1]]
+    assert [(s.map_size, s.slices) for s in found] == [(270, 84), (360, 112)]
+    many = [x.settings for x in finer_levels(Settings(), [CLOUD], SliceCounts(300, 56, 60))[:-1]]
+    assert {(s.map_size, s.slices) for s in many} == {(300, 56)}
+    for counts in (SliceCounts(200, 56, 2), SliceCounts(400, 140, 1), SliceCounts(64, 280, 7)):
+        larger = counts.larger(2.0)
+        # Slices are rounded up.
+        assert counts.size < larger.size and larger.grids == counts.grids
+        assert larger.size**2 * (larger.slices - 28) * larger.grids <= FINER_TEXELS
+    # Without voxels there are none.
+    assert {x.settings.map_size for x in finer_levels(Settings(), [BALL])[:-1]} == {0}
+
+
+def test_the_way_to_the_truth_is_along_slices_whatever_maps_hold():
+    for method in ("quantile", "tfm", "tfm-plain"):
+        levels = finer_levels(Settings(transmittance=method), [CLOUD], SliceCounts(200, 56, 2))
+        assert {x.settings.transmittance for x in levels} == {"slices", "march"}
 
 
 def test_a_march_stays_a_march():
@@ -151,13 +179,9 @@ def test_a_march_stays_a_march():
         assert (level.settings.transmittance, level.settings.light_steps) == ("march", 0)
 
 
-def test_more_values_than_finer_levels_take_are_kept():
-    assert all(x.settings.coefficients == 16 for x in finer_levels(Settings(coefficients=16), [CLOUD], 256, 1))
-
-
 def test_every_sample_of_a_pixel_takes_all_steps_of_its_level():
     """The mean of jittered pictures of few steps would converge to a limit that is off."""
-    one, many = (finer_levels(Settings(antialias=n), [CLOUD], 256, 1) for n in (1, 3))
+    one, many = (finer_levels(Settings(antialias=n), [CLOUD], SliceCounts(256, 56, 1)) for n in (1, 3))
     for a, b in zip(one, many, strict=True):
         assert b.settings == a.settings.replace(antialias=3) and b.divisor == 1
 
