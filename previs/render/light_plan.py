@@ -178,7 +178,7 @@ def map_resolution(
     maps are needed. And the number of slices, 0 for a method that has none: as asked, or three for four voxels.
 
     Two, because the surface of a dense medium casts shadows as sharp as its voxels allow. Slices take one, and more of
-    both where a voxel is deep.
+    both, and of what is taken at the least, where a voxel is deep.
     """
     longest = max(_longest(volumes[i]) for i in grids)
     wanted, slices = settings.map_size, 0
@@ -187,16 +187,20 @@ def map_resolution(
     if method_of(settings).curve == "slices":
         deepest = max(voxel_depth(volumes[i]) for i in grids)
         finer = float(np.clip((deepest / DEEP_VOXEL) ** 1.5, 1.0, 2.0))
-        most = MOST_SLICES if few else LEAST_SLICES
-        slices = settings.slices or int(np.clip(SLICES_PER_VOXEL * finer * longest, LEAST_SLICES, most))
-        slices = -(-slices // SLICES_PER_DRAW) * SLICES_PER_DRAW
+        least, most = (finer * LEAST_SLICES, MOST_SLICES) if few else (LEAST_SLICES, LEAST_SLICES)
+        slices = settings.slices or int(np.clip(SLICES_PER_VOXEL * finer * longest, least, most))
+        slices = min(-(-slices // SLICES_PER_DRAW), limits.texture_3d_size // SLICES_PER_DRAW) * SLICES_PER_DRAW
+        if longest > 2 * slices and not settings.slices:
+            message = f"light is kept at {slices} depths for {longest} voxels; slices sets more"
+            notes.append(Note("approximated", max(volumes, key=_longest).path, message))
         least, most = SLICE_SIZES if few else (SLICE_SIZES[0] // 2, SLICE_SIZES[0])
+        least = finer * least if few else least
         texels = finer * longest
     else:
         least, most = (256, 1024) if few else (64, 512)
         texels = min(longest * 2, max(longest, 512))
     if not wanted:
-        wanted = int(np.clip(-(-texels // 32) * 32, least, most))
+        wanted = int(-(-np.clip(texels, least, most) // 32) * 32)
         if longest > wanted:
             message = f"transmittance maps have {wanted}² texels for {longest} voxels; map_size sets more"
             notes.append(Note("approximated", max(volumes, key=_longest).path, message))
