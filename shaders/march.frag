@@ -143,7 +143,8 @@ bool has_hard_cone(int i) {
 // How much of light i passes the meshes and is inside its cone, where that has a hard edge, at a place on the ray.
 float seen_at(int i, float s, bool hard_cone) {
     vec3 position = ray.anchor + s * ray.direction;
-#if HAS_HARD_CONES
+    // In its projection steps end on the cone.
+#if HAS_HARD_CONES && !PROJECTIVE_STEPS
     if (hard_cone) {
         vec3 offset = position - lights[i].position.xyz;
         if (dot(offset, lights[i].axis.xyz) < lights[i].cone.w * length(offset)) return 0.0;
