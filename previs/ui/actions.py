@@ -11,6 +11,7 @@ from .app import App
 from .commands import Command
 from .dialogs import Dialogs
 from .knobs import VIEW_BY_NAME
+from .map_values import map_values, other_map_values, set_map_values
 
 STAGES = (".usd", ".usda", ".usdc", ".usdz", ".vdb")
 LAYERS = (".usda", ".usd", ".usdc")
@@ -73,14 +74,20 @@ def make_commands(app: App, dialogs: Dialogs, leave: Callable[[Callable[[], None
         app.document.discard()
 
     def coefficients(number: int) -> Callable[[], None]:
-        return lambda: app.set_setting("coefficients", number) and None
+        return lambda: set_map_values(app, number)
 
     def has_coefficients(number: int) -> Callable[[], bool]:
-        return lambda: app.document is not None and app.document.settings.coefficients == number
+        return lambda: app.document is not None and map_values(app.document.settings) == number
 
     def toggle_coefficients() -> None:
         assert app.document is not None
-        app.set_setting("coefficients", 6 if app.document.settings.coefficients == 14 else 14)
+        set_map_values(app, other_map_values(app.document.settings))
+
+    def slices() -> None:
+        app.set_setting("transmittance", "slices")
+
+    def has_slices() -> bool:
+        return app.document is not None and app.document.settings.transmittance == "slices"
 
     def compare(mode: str) -> Callable[[], None]:
         def run() -> None:
@@ -164,6 +171,9 @@ def make_commands(app: App, dialogs: Dialogs, leave: Callable[[Callable[[], None
             "Gate mask", gate_mask, "", has_document, lambda: app.view.gate_mask, "Darken what the camera does not see"
         ),
         "toggle_coefficients": Command("6 | 14 map values", toggle_coefficients, "T", has_document),
+        "slices": Command(
+            "Slices along light rays", slices, "L", has_document, has_slices, "Light is marched once along every ray"
+        ),
         "six": Command("6 map values", coefficients(6), "6", has_document, has_coefficients(6), "Interactive"),
         "fourteen": Command("14 map values", coefficients(14), "4", has_document, has_coefficients(14), "High quality"),
         "toggle_wipe": Command(

@@ -33,6 +33,7 @@ from .commands import Command
 from .document import Document
 from .gate import Gate, fitted
 from .loading import Loading, packer
+from .map_values import other_map_values, with_map_values
 from .picking import pick
 from .picture import Picture, Request
 from .playback import Playback
@@ -485,7 +486,7 @@ class App:
     def compared_settings(self, settings: Settings) -> Settings:
         """The settings of the picture that is compared with."""
         if self.view.compare_with == "coefficients":
-            return settings.replace(coefficients=6 if settings.coefficients == 14 else 14)
+            return settings.replace(**with_map_values(settings, other_map_values(settings)))
         if self.view.compare_with == "march":
             return settings.replace(transmittance="march")
         return settings

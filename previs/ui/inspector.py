@@ -1,4 +1,4 @@
-"""The panel "Inspector": transmittance along the light's ray through a point, as it is and as the maps have it."""
+"""The panel "Inspector": transmittance along the light's ray through a point, as it is and as it is stored."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui, implot
 
-from ..render.method import METHODS
-from ..settings import BY_NAME
+from ..render.method import BEST_MAP, METHODS
 from . import widgets
 from .app import App
 from .knobs import number
@@ -24,8 +23,6 @@ Scale = Literal["linear", "log"]
 
 #: The lowest transmittance of the logarithmic plot.
 LOG_FLOOR = 1e-4
-#: The method whose curves need no name.
-DEFAULT_METHOD: str = BY_NAME["transmittance"].default
 _TRUTH = CURVES[0]
 #: The ends of the range that the first curve's map was stored over, mostly that of all.
 _MARK: Rgba = (0.72, 0.72, 0.72, 1.0)
@@ -33,6 +30,7 @@ _MARK: Rgba = (0.72, 0.72, 0.72, 1.0)
 _ADVICE = {
     "cosine": "Waves about the true curve are ringing: more coefficients or a larger threshold calm them.",
     "quantile": "It is exact at as many depths as the map holds, and smooth between: more of them follow finer detail.",
+    "slices": "Its optical depth is right at every slice, and straight between: more of them follow finer detail.",
     None: "",
 }
 _CHANNELS: dict[str, str] = {"mean": "RGB", "red": "R", "green": "G", "blue": "B"}
@@ -79,7 +77,9 @@ def verdict(rms: float) -> str:
 
 def short_name(curve: ProbeCurve) -> str:
     """The curve in the legend."""
-    return f"{curve.coefficients}" if curve.method == DEFAULT_METHOD else f"{curve.method} {curve.coefficients}"
+    if not curve.coefficients:
+        return curve.name
+    return f"{curve.coefficients}" if curve.method == BEST_MAP else f"{curve.method} {curve.coefficients}"
 
 
 def draw_inspector(app: App) -> None:
@@ -110,7 +110,7 @@ def _draw_nothing(app: App) -> None:
     else:
         if imgui.button(f"{icons_fontawesome.ICON_FA_EYE_DROPPER}  Pick a point###pick", ImVec2(-1.0, 0.0)):
             app.commands["inspect"].run()
-        dim("Shows how much of a light reaches each point of its way, and how well the maps know it (I).")
+        dim("Shows how much of a light reaches each point of its way, and how well slices and maps know it (I).")
 
 
 def _draw_head(app: App, probe: TransmittanceProbe) -> None:

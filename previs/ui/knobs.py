@@ -533,6 +533,7 @@ _RENDER_LOOKS: Mapping[str, Mapping[str, Any]] = {
     "transmittance": {
         "label": "Transmittance",
         "words": {
+            "slices": "Slices along light rays",
             "quantile": "Maps of depths (quantile)",
             "tfm": "Maps of cosines (tfm)",
             "tfm-plain": "Plain cosines (tfm-plain)",
@@ -540,6 +541,7 @@ _RENDER_LOOKS: Mapping[str, Mapping[str, Any]] = {
         },
     },
     "coefficients": {"label": "Map values", "low": 2, "high": 16},
+    "slices": {"label": "Slices", "low": 28, "high": 560, "response": "log"},
     "steps": {"label": "View steps", "low": 16, "high": 2048, "response": "log"},
     "light_steps": {"label": "Light steps", "low": 16, "high": 2048, "response": "log"},
     "map_size": {"label": "Map size", "low": 8, "high": 2048, "response": "log"},
@@ -547,6 +549,9 @@ _RENDER_LOOKS: Mapping[str, Mapping[str, Any]] = {
     "density_weighting": {"label": "Density weight", "low": 1.0, "high": 8.0, "decimals": 2},
     "map_filter": {"label": "Map filter"},
     "march_divisor": {"label": "Marched pixels", "words": {1: "All", 2: "One of 2 × 2", 4: "One of 4 × 4"}},
+    "cull_lights": {"label": "Cull lights"},
+    "skip_empty": {"label": "Skip empty space"},
+    "sparse": {"label": "Sparse densities"},
     "shadow_map_size": {"label": "Shadow map", "low": 64, "high": 8192, "response": "log"},
     "projective_steps": {"label": "Projective steps"},
     "opacity_cutoff": {"label": "Opacity cutoff", "low": 1e-6, "high": 0.1, "response": "log", "decimals": 6},
@@ -615,7 +620,7 @@ VIEW: tuple[Knob, ...] = (
         "converge",
         "Converge at rest",
         "bool",
-        "While nothing moves, go on beyond what the settings ask for: twice the steps and finer light maps each time, "
+        "While nothing moves, go on beyond what the settings ask for: twice the steps and more slices each time, "
         "to a brute-force march in the end. Off, the finished picture is what `previs record` writes.",
         False,
     ),

@@ -31,7 +31,20 @@ MENUS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ),
     (
         "Render",
-        ("six", "fourteen", "", "toggle_wipe", "toggle_error", "", "inspect", "solo", "", "measure_error", "converge"),
+        (
+            "slices",
+            "six",
+            "fourteen",
+            "",
+            "toggle_wipe",
+            "toggle_error",
+            "",
+            "inspect",
+            "solo",
+            "",
+            "measure_error",
+            "converge",
+        ),
     ),
     ("Time", ("play", "next_frame", "previous_frame")),
 )

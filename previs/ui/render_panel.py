@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..errors import PrevisError
 from ..io import ColorViews, color_views
-from ..render.method import method_of
+from ..render.method import METHODS, method_of
+from ..settings import Settings
 from . import widgets
 from .app import App
 from .knobs import RENDER, RENDER_BY_NAME, VIEW_BY_NAME, Knob, number
+from .map_values import SWITCHED, map_values, set_map_values, with_map_values
 from .state import COMPARISONS
 from .theme import ACCENT, ERROR, FRAME, FRAME_HOVERED, INK, TEXT, dim, em, packed, tooltip
 from .widgets import Binding
 
-#: Always shown, above the fold; the rest of the table follows under "More".
-MAIN = ("transmittance", "threshold", "map_size", "steps", "light_steps")
-_SWITCHED = "coefficients"
+#: Always shown, above the fold; the rest of the table follows under "More" and "Performance".
+MAIN = ("transmittance", "slices", "threshold", "map_size", "steps", "light_steps")
+#: What trades nothing but time and memory, or ought to.
+PERFORMANCE = ("march_divisor", "skip_empty", "cull_lights", "sparse", "field_memory")
+_DESCRIBED = {"slices": "along light rays", 6: "map values", 14: "map values"}
+_GOOD_FOR = {6: "interactive", 14: "high quality"}
 
 
 def draw_render(app: App) -> None:
@@ -28,12 +34,12 @@ def draw_render(app: App) -> None:
         dim("Open a stage first.")
         return
     _draw_switch(app)
-    for name in MAIN:
-        _draw_setting(app, RENDER_BY_NAME[name])
+    unused = idle_knobs(app.document.settings)
+    _draw_settings(app, [n for n in MAIN if n not in unused])
     if imgui.collapsing_header("More###more"):
-        for knob in RENDER:
-            if knob.name not in MAIN:
-                _draw_setting(app, knob)
+        _draw_settings(app, [k.name for k in RENDER if k.name not in (*MAIN, *PERFORMANCE, *unused)])
+    if imgui.collapsing_header("Performance###performance"):
+        _draw_settings(app, PERFORMANCE)
     imgui.separator_text("Display")
     _draw_display(app)
     imgui.separator_text("At rest")
@@ -47,39 +53,73 @@ def draw_render(app: App) -> None:
 # --- settings ---------------------------------------------------------------------------------------------------------
 
 
+def idle_knobs(settings: Settings) -> frozenset[str]:
+    """Names of the knobs that have no effect with the settings' transmittance, and are not shown."""
+    method = method_of(settings)
+    used = {
+        "slices": method.curve == "slices",
+        "coefficients": method.has_coefficients,
+        "density_weighting": method.has_coefficients,
+        "threshold": method.adaptive,
+        "map_filter": method.adaptive,
+        "map_size": method.has_maps,
+    }
+    return frozenset(name for name, is_used in used.items() if not is_used)
+
+
+def _draw_settings(app: App, names: Sequence[str]) -> None:
+    for name in names:
+        _draw_setting(app, RENDER_BY_NAME[name])
+
+
 def _draw_switch(app: App) -> None:
-    """6 | 14, large. Another number, set under "More", has a place of its own between."""
-    now = app.document.settings.coefficients
-    method = method_of(app.document.settings)
-    plain = not method.has_maps
-    values = [6, 14] if now in (6, 14) else sorted([6, now, 14])
-    described = {6: "interactive", 14: "high quality"}
-    imgui.separator_text(f"Map values: {method.values}" if not plain else "Map values, not needed by the march")
+    """Slices | 6 | 14, large. Another number, set under "More", has a place of its own between."""
+    settings = app.document.settings
+    method = method_of(settings)
+    now = "slices" if method.curve == "slices" else map_values(settings)
+    numbers = sorted({*SWITCHED, map_values(settings)} - {0})
+    imgui.separator_text(f"Light on its way: {method.values or method.name}")
+    entries = ("slices", *numbers)
     width, height = imgui.get_content_region_avail().x, em(3.1)
-    each = width / len(values)
+    each = width / len(entries)
     paint, rounding = imgui.get_window_draw_list(), imgui.get_style().frame_rounding
-    for i, value in enumerate(values):
+    for i, entry in enumerate(entries):
         if i:
             imgui.same_line(0.0, 0.0)
-        clicked = imgui.invisible_button(f"coefficients_{value}", ImVec2(each, height))
+        clicked = imgui.invisible_button(
+            "switch_slices" if entry == "slices" else f"coefficients_{entry}", ImVec2(each, height)
+        )
         lo, hi = imgui.get_item_rect_min(), imgui.get_item_rect_max()
-        down = value == now
+        down = entry == now
         color = ACCENT if down else FRAME_HOVERED if imgui.is_item_hovered() else FRAME
         flags = imgui.ImDrawFlags_
         corners = flags.round_none
         corners |= flags.round_left if i == 0 else flags.round_none
-        corners |= flags.round_right if i == len(values) - 1 else flags.round_none
-        gap = 1.0 if i < len(values) - 1 else 0.0
-        shade = packed(color, 0.45 if plain else 1.0)
-        paint.add_rect_filled(lo, ImVec2(hi.x - gap, hi.y), shade, rounding, int(corners))
+        corners |= flags.round_right if i == len(entries) - 1 else flags.round_none
+        gap = 1.0 if i < len(entries) - 1 else 0.0
+        paint.add_rect_filled(lo, ImVec2(hi.x - gap, hi.y), packed(color), rounding, int(corners))
         ink = INK if down else TEXT
-        _centred(str(value), lo, hi, 0.34, ink, 1.35)
-        _centred(described.get(value, "your own"), lo, hi, 0.76, ink, 0.82)
-        if value in (6, 14):
-            keys = "6" if value == 6 else "4"
-            tooltip(f"{value} {method.values or 'map values'} (key {keys}, T toggles)\n{RENDER_BY_NAME[_SWITCHED].doc}")
-        if clicked and value != now:
-            _set(app, RENDER_BY_NAME[_SWITCHED], value)
+        _centred(str(entry).capitalize(), lo, hi, 0.34, ink, 1.35)
+        _centred(_DESCRIBED.get(entry, "your own"), lo, hi, 0.76, ink, 0.82)
+        tooltip(_switch_hint(settings, entry))
+        if clicked and not down:
+            if entry == "slices":
+                _set(app, RENDER_BY_NAME["transmittance"], "slices")
+            else:
+                set_map_values(app, int(entry))
+
+
+def _switch_hint(settings: Settings, entry: str | int) -> str:
+    """What pressing an entry of the switch does."""
+    if entry == "slices":
+        return "Slices (key L)\nLight is marched once along every light ray, and known at even distances on it."
+    name = with_map_values(settings, int(entry)).get("transmittance", settings.transmittance)
+    keys = {6: " (key 6, T toggles)", 14: " (key 4, T toggles)"}.get(entry, "")
+    good = f": {_GOOD_FOR[entry]}" if entry in _GOOD_FOR else ""
+    lines = [f"{entry} {METHODS[name].values}{keys}{good}"]
+    if not map_values(settings):
+        lines.append(f"Light comes from {METHODS[settings.transmittance].name} now; this changes to maps ({name}).")
+    return "\n".join((*lines, RENDER_BY_NAME["coefficients"].doc))
 
 
 def _centred(text: str, lo: ImVec2, hi: ImVec2, height: float, color: Any, scale: float) -> None:
@@ -115,6 +155,8 @@ def _come_to(app: App, name: str) -> float | None:
         return None
     if name == "map_size":
         return plan.map_size
+    if name == "slices":
+        return plan.map_slices or None
     found = {"threshold": {m.threshold for m in plan.maps}, "density_weighting": {m.weighting for m in plan.maps}}
     values = found.get(name, set())
     return values.pop() if len(values) == 1 else None

@@ -9,6 +9,7 @@ from typing import Any
 from imgui_bundle import ImVec2, ImVec4, icons_fontawesome, imgui
 
 from ..description import Note, SceneDescription
+from ..render.method import method_of
 from ..render.planned import Plan
 from .app import App
 from .error_text import duration, error_hint, error_words
@@ -203,7 +204,8 @@ def _draw_finished(app: App) -> None:
     settings = picture.shown_settings
     hint = "The picture converges to the truth while nothing moves (Render > Converge at rest)."
     if settings is not None and picture.finer[0]:
-        way = f"maps of {settings.coefficients} values" if settings.transmittance != "march" else "a brute-force march"
+        method = method_of(settings)
+        way = f"{settings.slices} slices along every light ray" if method.has_maps else "a brute-force march"
         hint += f"\nShown: {settings.steps} view steps, {way}."
     if picture.refusal:
         hint += f"\nIt ends here: {picture.refusal}"

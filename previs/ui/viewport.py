@@ -248,7 +248,7 @@ def comparison_names(app: App) -> tuple[str, str]:
 
     def name(values) -> str:
         method = method_of(values)
-        return f"{values.coefficients} {method.values}" if method.has_maps else method.name
+        return f"{values.coefficients} {method.values}" if method.has_coefficients else method.name
 
     if app.view.compare_with == "before":
         return "now", "before"

@@ -65,30 +65,44 @@ def opens_and_refines(hand: Hand) -> None:
 
 
 def coefficients(hand: Hand) -> None:
+    """Slices | 6 | 14: a number is a wish for maps, and there is a way back."""
+
+    def light() -> tuple[str, int]:
+        return hand.document.settings.transmittance, hand.document.settings.coefficients
+
     hand.open()
     hand.finish()
-    assert hand.document.settings.coefficients == 6
+    assert light() == ("slices", 6)
+    slices = hand.picture()
+    hand.press(imgui.Key._6)
+    assert light() == ("quantile", 6)
+    hand.finish()
     six = hand.picture()
+    assert np.abs(six - slices).max() > 1e-4
     hand.press(imgui.Key._4)
-    assert hand.document.settings.coefficients == 14
+    assert light() == ("quantile", 14)
     hand.seen()
     assert passes(hand) == relit(hand)
     hand.finish()
     fourteen = hand.picture()
     assert np.abs(six - fourteen).max() > 1e-4
+    hand.capture("maps")
     hand.press(imgui.Key._6)
-    assert hand.document.settings.coefficients == 6
+    assert light() == ("quantile", 6)
     hand.press(imgui.Key.t)
-    assert hand.document.settings.coefficients == 14
-    for _ in range(3):
+    assert light() == ("quantile", 14)
+    for _ in range(4):
         hand.press(CTRL | imgui.Key.z)
-    assert hand.document.settings.coefficients == 6 and not hand.document.modified
+    assert light() == ("slices", 6) and not hand.document.modified, "a number and its method are one entry"
     hand.press(CTRL | SHIFT | imgui.Key.z)
-    assert hand.document.settings.coefficients == 14
-    hand.click("//Render/coefficients_6")
-    assert hand.document.settings.coefficients == 6
+    assert light() == ("quantile", 6)
+    hand.click("//Render/coefficients_14")
+    assert light() == ("quantile", 14)
+    hand.click("//Render/switch_slices")
+    assert light() == ("slices", 14)
     hand.finish()
-    np.testing.assert_array_equal(hand.picture(), six)
+    np.testing.assert_array_equal(hand.picture(), slices)
+    hand.capture("slices")
 
 
 def drags_albedo(hand: Hand) -> None:
@@ -150,7 +164,8 @@ def wipes(hand: Hand) -> None:
     both = shown(hand)
     width = both.shape[1]
     other = hand.app.other
-    assert other is not None and other.plan is not None and other.plan.settings.coefficients == 14
+    assert other is not None and other.plan is not None
+    assert (other.plan.settings.transmittance, other.plan.settings.coefficients) == ("quantile", 6)
     assert np.abs(both[:, : width // 2 - 2] - six[:, : width // 2 - 2]).max() <= 1
     assert np.abs(both[:, width // 2 + 2 :] - six[:, width // 2 + 2 :]).max() > 1
     hand.capture("wipe")
@@ -473,7 +488,7 @@ def measures(hand: Hand) -> None:
     hand.frames(8)
     assert rest.estimate is first and picture.serial == serial, "nothing is measured or drawn twice"
     hand.capture("measured")
-    hand.app.set_setting("coefficients", 14)
+    hand.app.set_setting("steps", 384)
     assert rest.estimate is first, "it is that of the picture until there is another one"
     hand.frames(2)
     assert rest.estimate is None
@@ -484,7 +499,7 @@ def measures(hand: Hand) -> None:
     hand.until(lambda: rest.estimate, "the error of the other view")
     assert rest.estimate.mean_relative_error.value < first.mean_relative_error.value
     hand.app.commands["measure_error"].run()
-    hand.app.set_setting("coefficients", 6)
+    hand.app.set_setting("steps", 64)
     hand.finish()
     hand.until(lambda: not hand.app.busy, "the window to rest")
     assert rest.estimate is None and not hand.app.view.measuring
