@@ -205,7 +205,7 @@ def test_cameras_by_path_and_by_name(run, stages, tmp_path):
 
 
 def test_every_flag_of_the_table_and_set(run, stages, tmp_path):
-    flags = {"transmittance": "tfm-plain", "coefficients": "14", "steps": "40", "map_size": "64"}
+    flags = {"transmittance": "tfm-plain", "coefficients": "14", "steps": "40", "map_size": "64", "march_divisor": "2"}
     assert {s.name for s in TABLE if s.flag} == set(flags), "a new flag wants a value here"
     arguments = [text for s in TABLE if s.flag for text in (s.flag, flags[s.name])]
     others = {"threshold": 0.02, "antialias": 2, "map_filter": "nearest", "projective_steps": False}

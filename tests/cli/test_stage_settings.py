@@ -55,7 +55,29 @@ def test_a_flag_that_says_the_default_wins(run, look, tmp_path):
     assert np.array_equal(a, c)
     assert not np.array_equal(a, b)
     with previs.open(look) as scene:
-        assert np.array_equal(previs.render(scene, size=64, coefficients=6).color, b)
+        asked = previs.render(scene, size=64, transmittance="quantile", coefficients=6)
+        assert np.array_equal(asked.color, b)
+
+
+def test_a_number_of_coefficients_asks_for_maps_that_have_them(run, stages, tmp_path):
+    """By the flag; where a method without is asked for as well, it is said once."""
+    smoke = stages / "smoke.usda"
+    cases = {
+        ("--coefficients", 14): ("quantile", 14, False),
+        ("--coefficients", 14, "--transmittance", "tfm"): ("tfm", 14, False),
+        ("--coefficients", 14, "--set", "transmittance=march"): ("march", 14, True),
+        ("--set", "coefficients=14"): ("slices", 14, True),
+        (): ("slices", 6, False),
+    }
+    for flags, (method, count, idle) in cases.items():
+        found = json.loads(run("info", smoke, "--json", *flags).stdout)
+        assert (found["settings"]["transmittance"], found["settings"]["coefficients"]) == (method, count)
+        assert [n["message"] for n in found["notes"] if n["path"] == "coefficients"] == (
+            [f"transmittance={method} stores none"] if idle else []
+        )
+    done = run("record", smoke, tmp_path / "a.###.exr", "-f", "1:2", "-w", 16, "--set", "coefficients=14")
+    assert done.returncode == 0
+    assert done.stderr.count("warning: coefficients: ignored: transmittance=slices stores none") == 1
 
 
 def test_a_knob_that_cannot_be_used_is_a_warning(run, tmp_path):
