@@ -70,6 +70,7 @@ Colour optical_depth = Colour(0.0);  // summed, and not the transmittance multip
 vec3 transmittance = vec3(1.0);
 vec3 scattered = vec3(0.0);
 vec3 emitted = vec3(0.0);
+vec3 gathered;  // of the step under way, before the view's transmittance
 
 #if PROJECTIVE_STEPS
 #include "include/cone.glsl"
@@ -234,6 +235,76 @@ float light_seen[LIGHT_CAPACITY];
 float light_seen_end[LIGHT_CAPACITY];
 #endif
 
+#if HAS_LIGHTS
+// The step under way.
+float step_begin, step_end;
+float step_longest;    // step of the segment
+vec3 event;            // where the light is evaluated
+bool lit = true;       // whether the light can reach it, of projective steps
+bool may_cut;          // whether it may be tried again shorter
+bool again;            // whether it has to be,
+float wanted;          // and how long it then is at the most
+vec3 scattering[VOLUME_COUNT];
+
+#if !HAS_POINT && LIGHT_CAPACITY * VOLUME_COUNT <= 8
+// Distant light meets the ray at one angle everywhere.
+#define KEEPS_PHASES 1
+float light_phase[LIGHT_CAPACITY * VOLUME_COUNT];
+
+void find_phases() {
+    for (int i = 0; i < LIGHT_CAPACITY; ++i)
+        for (int v = 0; v < VOLUME_COUNT; ++v)
+            light_phase[i * VOLUME_COUNT + v] = phase(volumes[v].phase, dot(lights[i].position.xyz, -ray.direction));
+}
+#else
+#define KEEPS_PHASES 0
+#endif
+
+// Add what light i scatters in the step. Few lights are called for one by one: software is slow with what a loop counts.
+void add_light(int i) {
+    float inverse_square;
+    vec3 travel = light_travel(i, event, inverse_square);
+#if HAS_POINT
+    if (lights[i].position.w > 0.5)
+        inverse_square = mean_inverse_square(lights[i].position.xyz, lights[i].strength.w, step_begin, step_end);
+#endif
+    bool hard_cone = has_hard_cone(i);
+    vec3 arriving = lights[i].strength.rgb * shaping(i, travel, !hard_cone) * inverse_square;
+    float seen = lit ? 1.0 : 0.0;
+#if SEES_EDGES
+    float seen_end = seen_at(i, step_end, hard_cone);
+#if KEEPS_ENDS
+    float seen_begin = light_seen[i];
+    light_seen_end[i] = seen_end;
+#else
+    float seen_begin = seen_at(i, step_begin, hard_cone);
+#endif
+    seen *= 0.5 * (seen_begin + seen_end);
+    // Edges of shadows and of hard cones are the only discontinuities along a ray: they are searched for, so that their place is
+    // not rounded to whole steps, which would show as bands.
+    float h = step_end - step_begin;
+    if (abs(seen_begin - seen_end) > EDGE && h > EDGE_PART * step_longest && may_cut) {
+        again = true;
+        wanted = min(wanted, 0.5 * h);
+    }
+#endif
+    vec3 turned = vec3(0.0);
+    for (int v = 0; v < VOLUME_COUNT; ++v) {
+#if KEEPS_PHASES
+        turned += scattering[v] * light_phase[i * VOLUME_COUNT + v];
+#else
+        turned += scattering[v] * phase(volumes[v].phase, dot(travel, -ray.direction));
+#endif
+    }
+    gathered += turned * arriving * (seen * light_transmittance(i, event, travel));
+}
+#else
+bool lit = true;
+bool may_cut, again;
+float wanted;
+vec3 scattering[VOLUME_COUNT];
+#endif
+
 void main() {
     vec2 position = picture_position();
 #if SCATTERED_PIXELS
@@ -282,6 +353,9 @@ void main() {
         s = reached.a;
         optical_depth = -log(max(colour_of(transmittance), 1e-38));
     }
+#endif
+#if HAS_LIGHTS && KEEPS_PHASES
+    find_phases();
 #endif
     bool inside[VOLUME_COUNT];
     float density[VOLUME_COUNT];  // where the next step begins
@@ -333,17 +407,18 @@ void main() {
         }
 #endif
         // What is not known where a step begins is found by one of no length.
-        bool lit = true;
+        lit = true;
 #if PROJECTIVE_STEPS
         float s1 = projected_end(s, next, lit);
 #else
         float parts = ceil(rest / longest - 1e-3);
         float s1 = parts > 1.0 ? s + rest / parts : next;
 #endif
-        bool may_cut = iterations_left - float(n) > iterations_kept + whole - (s - begun) / longest;
+        may_cut = iterations_left - float(n) > iterations_kept + whole - (s - begun) / longest;
         if (may_cut) s1 = min(s1, s + tried);
         if (!known) s1 = s;
         float h = s1 - s;
+        may_cut = may_cut && known;
 
         float to[VOLUME_COUNT];
         Colour extinction = Colour(0.0);
@@ -351,7 +426,6 @@ void main() {
         float extinction0 = 0.0;
         float extinction1 = 0.0;
         Colour extinction_end = Colour(0.0);
-        vec3 scattering[VOLUME_COUNT];
         vec3 source = vec3(0.0);
         vec3 glow = vec3(0.0);
         for (int v = 0; v < VOLUME_COUNT; ++v) {
@@ -373,10 +447,10 @@ void main() {
             glow += (sigma_t - scattering[v]) * emitted_radiance(v, ray.anchor + (0.5 * (s + s1)) * ray.direction);
 #endif
         }
-        bool again = false;
+        again = false;
         float seen_depth = strongest_visible(extinction) * h;
-        float wanted = 1e30;
-        if (seen_depth > DEEP_STEP && may_cut && known) {
+        wanted = 1e30;
+        if (seen_depth > DEEP_STEP && may_cut) {
             // Where an extinction that is linear to the middle has summed to as much as a part may have.
             float depth = part_depth();
             float square = extinction0 * extinction0 + 4.0 * depth * (extinction1 - extinction0) / h;
@@ -392,46 +466,32 @@ void main() {
         Colour depth = extinction * h;
         // Loss of the view over the step, of which both its transmittance and the mean inside it follow.
         Colour mean = mean_transmittance(depth);
-        vec3 gathered = source * mean;
+        gathered = source;
 #if HAS_LIGHTS
         // Of a linear density the centroid is off the middle by a twelfth of its relative rise.
         float shift = clamp(dot(vec3(rise), vec3(1.0)) / max(12.0 * dot(vec3(extinction), vec3(1.0)), 1e-30), -0.5, 0.5);
-        float event = s + h * clamp(extinction_centroid(dot(vec3(depth), vec3(1.0 / 3.0))) + shift, 0.0, 1.0);
-        vec3 position = ray.anchor + event * ray.direction;
+        float place = clamp(extinction_centroid(dot(vec3(depth), vec3(1.0 / 3.0))) + shift, 0.0, 1.0);
+        step_begin = s;
+        step_end = s1;
+        step_longest = longest;
+        event = ray.anchor + (s + h * place) * ray.direction;
+#if HAS_LIGHT_LISTS || LIGHT_CAPACITY > 4
         int listed;
-        int first_listed = light_first(position, listed);
-        for (int n = first_listed; n < first_listed + listed; ++n) {
-            int i = listed_light(n);
-            float inverse_square;
-            vec3 travel = light_travel(i, position, inverse_square);
-#if HAS_POINT
-            if (lights[i].position.w > 0.5)
-                inverse_square = mean_inverse_square(lights[i].position.xyz, lights[i].strength.w, s, s1);
-#endif
-            bool hard_cone = has_hard_cone(i);
-            vec3 arriving = lights[i].strength.rgb * shaping(i, travel, !hard_cone) * inverse_square;
-            float seen = lit ? 1.0 : 0.0;
-#if SEES_EDGES
-            float seen_end = seen_at(i, s1, hard_cone);
-#if KEEPS_ENDS
-            float seen_begin = light_seen[i];
-            light_seen_end[i] = seen_end;
+        int first_listed = light_first(event, listed);
+        for (int n = first_listed; n < first_listed + listed; ++n) add_light(listed_light(n));
 #else
-            float seen_begin = seen_at(i, s, hard_cone);
+        add_light(0);
+#if LIGHT_CAPACITY > 1
+        if (light_count > 1) add_light(1);
 #endif
-            seen *= 0.5 * (seen_begin + seen_end);
-            // Edges of shadows and of hard cones are the only discontinuities along a ray: they are searched for, so that their place is
-            // not rounded to whole steps, which would show as bands.
-            if (abs(seen_begin - seen_end) > EDGE && h > EDGE_PART * longest && may_cut && known) {
-                again = true;
-                wanted = min(wanted, 0.5 * h);
-            }
+#if LIGHT_CAPACITY > 2
+        if (light_count > 2) add_light(2);
 #endif
-            float cosine = dot(travel, -ray.direction);
-            vec3 turned = vec3(0.0);
-            for (int v = 0; v < VOLUME_COUNT; ++v) turned += scattering[v] * phase(volumes[v].phase, cosine);
-            gathered += turned * arriving * (seen * light_transmittance(i, position, travel)) * mean;
-        }
+#if LIGHT_CAPACITY > 3
+        if (light_count > 3) add_light(3);
+#endif
+#endif
+        gathered *= mean;
 #endif
         if (again) {
             tried = wanted;
@@ -452,7 +512,7 @@ void main() {
         density = to;
         known = true;
 #if KEEPS_ENDS
-        for (int i = 0; i < light_count; ++i) light_seen[i] = light_seen_end[i];
+        for (int i = 0; i < LIGHT_CAPACITY; ++i) light_seen[i] = light_seen_end[i];
 #endif
     }
     if (is_opaque()) transmittance = vec3(0.0);

@@ -82,6 +82,11 @@ class PackedField:
         return self.values[..., :3].mean(axis=-1, dtype=np.float32).astype(np.float16)
 
     @cached_property
+    def occupied(self) -> np.ndarray:
+        """Centres of the cells that are not empty, (K, 3), x, y, z in cells from the corner of the box."""
+        return np.argwhere(self.cells[0] > 0)[:, ::-1] + 0.5
+
+    @cached_property
     def cells(self) -> tuple[np.ndarray, int]:
         """The cells of the scalar values, and their edge; see cells.py."""
         return self.given_cells or cells_of(self.scalars)

@@ -186,6 +186,8 @@ class Frame:
             layers = {f"map_values{i}": t for i, t in enumerate(self.maps.values)}
             self.bind(map_range=self.maps.range, light_slices=self.slices.texture, **layers)
             program.set(map_size=float(plan.map_size), slice_count=float(plan.map_slices))
+            if self.slices.texture is not None:
+                program.set(slices_texel=tuple(1.0 / n for n in self.slices.texture.size))
         self.bind_density(program)
         if plan.shadow_tiles:
             self.bind(shadow_atlas=self.shadows.texture)

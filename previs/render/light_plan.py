@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..description import (
@@ -33,6 +35,8 @@ MANY_MAPS = 32
 SLICES_PER_VOXEL, LEAST_SLICES, MOST_SLICES = 0.75, 56, 280
 #: Texels along the side of slices, from and to.
 SLICE_SIZES = 128, 512
+#: Shorter side of a light-space grid at the least, as a part of the longer one.
+LEAST_ASPECT = 0.125
 #: Optical depth of the densest voxel from which slices are finer than voxels, up to twice as fine.
 DEEP_VOXEL = 3.0
 
@@ -241,7 +245,8 @@ def plan_maps(
             fit = FITS.get(("map", versions, size), lambda x=light, v=volume: light_map(x, v, size))
             tile = layout.spans[light.path, volume.path].start
             stored = stored_curve(light, volume, settings)
-            item = PlannedMap(light_number, volume_number, fit, tile, max(strength), min(strength), *stored)
+            extent = tuple(math.ceil(size * max(a, LEAST_ASPECT)) for a in fit.aspect) if slices else (size, size)
+            item = PlannedMap(light_number, volume_number, fit, tile, max(strength), min(strength), *stored, extent)
             planned.append(item)
             depends = (
                 entry.versions["density"],
@@ -258,7 +263,7 @@ def plan_maps(
                     f"transmittance_map {light.path} > {volume.path}",
                     "transmittance_map",
                     f"how this volume attenuates this light; {fit.kind}",
-                    (size, size, slices) if slices else (size, size),
+                    (*extent, slices) if slices else (size, size),
                     tile_bytes,
                     depends,
                     payload=item,

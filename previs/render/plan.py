@@ -269,7 +269,8 @@ def _defines(volumes, lights, maps, batch: int, meshes, ambient, settings: Setti
     emitting = [v for v in volumes if v.medium.emits]
     return {
         "VOLUME_COUNT": len(volumes),
-        "LIGHT_CAPACITY": 2 ** math.ceil(math.log2(max(batch, 1))),
+        # As many as there are where they are few: the shader calls for them one by one.
+        "LIGHT_CAPACITY": max(batch, 1) if batch <= 4 else 2 ** math.ceil(math.log2(batch)),
         "HAS_LIGHTS": bool(lights),
         "HAS_POINT": bool(kinds - {"distant"}),
         "HAS_SHAPING": any(p.record.shaping is not None for p in lights),

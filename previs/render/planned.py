@@ -80,7 +80,8 @@ class PlannedMap:
 
     Curves are stored at the `reference` extinction (per stage unit at density 1) to the power 1 / `weighting`; the
     adaptive range ends where the weakest channel, of extinction `weakest`, falls below the `threshold`. Levels of
-    quantiles are `stretched` where channels differ much.
+    quantiles are `stretched` where channels differ much. `extent` are the texels of the tile that are used, across and
+    up.
     """
 
     light: int
@@ -92,6 +93,7 @@ class PlannedMap:
     weighting: float
     threshold: float
     stretched: bool
+    extent: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)

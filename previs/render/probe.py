@@ -335,7 +335,7 @@ class _Ray:
         """Run a pass at once; of a transmittance map only the texels around the ray."""
         box = None
         if planned.kind == "transmittance_map":
-            box = _texels(planned.payload.fit, frame.plan.map_size, self._point)
+            box = _texels(planned.payload.fit, planned.payload.extent, self._point)
         frame.pace = _Window(box)
         for _ in RUNNERS[planned.kind](frame, planned):
             pass
@@ -374,7 +374,7 @@ def _nearest_volume(scene: SceneDescription, point: np.ndarray) -> str:
 Box = tuple[int, int, int, int]
 
 
-def _texels(fit: LightMap, size: int, point: np.ndarray) -> Box | None:
+def _texels(fit: LightMap, size: tuple[int, int], point: np.ndarray) -> Box | None:
     """The texels that a lookup along the ray through a point may read: (x, y, width, height); None for all."""
     u, v, _, w = np.append(point - fit.centre, 1.0) @ fit.to_map
     if fit.kind == "octahedral":
@@ -390,13 +390,13 @@ def _texels(fit: LightMap, size: int, point: np.ndarray) -> Box | None:
         return (0, 0, 1, 1)
     else:
         u, v = u / w, v / w
-    first = [math.floor(c * size - 0.5) - _GUARD for c in (u, v)]
+    first = [math.floor(c * n - 0.5) - _GUARD for c, n in zip((u, v), size, strict=True)]
     last = [f + 1 + 2 * _GUARD for f in first]
-    if fit.kind == "octahedral" and (min(first) < 0 or max(last) >= size):
+    if fit.kind == "octahedral" and (min(first) < 0 or max(last) >= min(size)):
         # Beyond an edge of the square lies another edge of it.
         return None
-    first = [min(max(f, 0), size - 1) for f in first]
-    last = [min(max(b, 0), size - 1) for b in last]
+    first = [min(max(f, 0), n - 1) for f, n in zip(first, size, strict=True)]
+    last = [min(max(b, 0), n - 1) for b, n in zip(last, size, strict=True)]
     return (first[0], first[1], last[0] - first[0] + 1, last[1] - first[1] + 1)
 
 

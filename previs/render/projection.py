@@ -131,7 +131,7 @@ class LightMap:
     whose directions cover the sphere). `to_map` takes a point relative to `centre` to (U, V, ·, W), with (u, v) = (U,
     V) / W. `from_light` is the vector from the light to `centre`, or the light's direction for an orthographic map.
     `reach` are the distances along the light's rays, counted from the centre's, between which the volume holds
-    anything.
+    anything. `aspect` are the sides of the map's window in space, as parts of the longer one.
     """
 
     kind: MapKind
@@ -141,6 +141,7 @@ class LightMap:
     to_map: np.ndarray
     from_light: np.ndarray
     reach: tuple[float, float]
+    aspect: tuple[float, float] = (1.0, 1.0)
 
     def key(self) -> bytes:
         """A hashable stand-in."""
@@ -206,6 +207,7 @@ def light_map(light: Light, volume, size: int) -> LightMap:
             to_map,
             direction,
             (float(k.min()), float(k.max())),
+            _aspect(du, dv),
         )
     position = light.position - centre
     candidates = []
@@ -235,7 +237,12 @@ def light_map(light: Light, volume, size: int) -> LightMap:
     # No part of the hull is nearer than its depth, nor farther than its farthest corner.
     nearest = max(float(((points - position) @ forward).min()), 0.0)
     reach = (nearest - distance, farthest - distance)
-    return LightMap("perspective", centre, origin, direction, to_map, -position, reach)
+    return LightMap("perspective", centre, origin, direction, to_map, -position, reach, _aspect(du, dv))
+
+
+def _aspect(width: float, height: float) -> tuple[float, float]:
+    longer = max(width, height)
+    return width / longer, height / longer
 
 
 def _span(values: np.ndarray, margin: float) -> tuple[float, float]:

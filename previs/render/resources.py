@@ -30,7 +30,8 @@ class Placement:
     """Where a field lies in its atlas: its unit box to atlas coordinates, the value of a texel of 1, and box → local.
 
     `cells_scale` is the number of its cells that the box spans, `cells_offset` the first texel of them, and `cell_edge`
-    their edge in intervals between voxels; zeros in an atlas without cells. Box coordinate b is at
+    their edge in intervals between voxels; zeros in an atlas without cells. `occupied` are the centres of those that
+    are not empty, (K, 3) in box coordinates. Box coordinate b is at
     ``b · bricks_scale + bricks_shift`` bricks from the one whose entry is at `bricks_offset` of the table, and `scale`
     is that of a brick; a dense block is one brick. `background` is the value, in texels, where no brick is stored.
     """
@@ -42,6 +43,7 @@ class Placement:
     cells_scale: np.ndarray = field(default_factory=lambda: np.zeros(3))
     cells_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
     cell_edge: int = 0
+    occupied: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     bricks_scale: np.ndarray = field(default_factory=lambda: np.ones(3))
     bricks_shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
     bricks_offset: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -217,6 +219,7 @@ class FieldAtlas:
             if self._with_cells:
                 more["cell_edge"] = block.cells[1]
                 more["cells_scale"] = block.intervals / block.cells[1]
+                more["occupied"] = block.occupied / more["cells_scale"]
                 more["cells_offset"] = np.array(voxels.cell_corners[key], float)
             if voxels.bricks is not None:
                 more["bricks_offset"] = np.array(voxels.brick_corners[key], float)

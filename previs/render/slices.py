@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable
 
 import moderngl
@@ -27,20 +28,26 @@ class SliceAtlas:
 
     @staticmethod
     def _shape_of(plan: Plan) -> Hashable:
-        layout = plan.map_atlas
-        return layout.size, layout.columns, layout.capacity, plan.map_slices
+        return plan.map_atlas.size, plan.map_atlas.columns, plan.map_slices
 
     def update(self, plan: Plan) -> None:
-        """Make the texture for a plan; where it is new every tile has to be filled again."""
-        shape = self._shape_of(plan)
-        if shape == self._shape:
+        """Make the texture for a plan, unless the one that is held does; a larger one keeps what the tiles hold."""
+        shape, wanted = self._shape_of(plan), (plan.map_slices, *plan.map_atlas.extent)
+        held = self.texture if shape == self._shape else None
+        if held is not None and _fits(held.size, wanted):
             return
+        texture = self._context.texture3d(wanted, 1, dtype="f2")
+        texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        texture.repeat_x = texture.repeat_y = texture.repeat_z = False
+        owners = {}
+        if held is not None and held.width <= wanted[0] and held.height <= wanted[1] and held.depth <= wanted[2]:
+            copied = self._context.buffer(reserve=2 * held.width * held.height * held.depth)
+            held.read_into(copied, alignment=1)
+            texture.write(copied, viewport=(0, 0, 0, *held.size), alignment=1)
+            copied.release()
+            owners = self.owners
         self.release()
-        size = (plan.map_slices, *plan.map_atlas.extent)
-        self.texture = self._context.texture3d(size, 1, dtype="f2")
-        self.texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self.texture.repeat_x = self.texture.repeat_y = self.texture.repeat_z = False
-        self._shape = shape
+        self.texture, self._shape, self.owners = texture, shape, owners
 
     def owner(self, plan: Plan, tile: int) -> str | None:
         """The name of the pass whose map is in a tile of the plan; None where there is none that fits the plan."""
@@ -54,25 +61,31 @@ class SliceAtlas:
         self.owners = {}
 
 
+def _fits(held: tuple[int, ...], wanted: tuple[int, ...]) -> bool:
+    """Whether a texture is large enough for what is wanted, and not far too large."""
+    large_enough = all(h >= w for h, w in zip(held, wanted, strict=True))
+    return large_enough and math.prod(held) <= 4 * math.prod(wanted)
+
+
 class SliceTargets:
     """What the slices of one tile are drawn into, a draw at a time, before they are copied; a context that frees it.
 
     Args:
         context: to make it in.
-        size: texels along the side of the tile.
+        extent: texels of the tile, across and up.
         leave: called before it is freed; binds another framebuffer. moderngl binds again what was bound last whenever
             it makes one, and that may be gone by then.
     """
 
-    def __init__(self, context: moderngl.Context, size: int, leave: Callable[[], None]) -> None:
-        self._size, self._leave = size, leave
-        self._layers = [context.texture((size, size), 4, dtype="f2") for _ in range(LAYERS)]
+    def __init__(self, context: moderngl.Context, extent: tuple[int, int], leave: Callable[[], None]) -> None:
+        self._extent, self._leave = extent, leave
+        self._layers = [context.texture(extent, 4, dtype="f2") for _ in range(LAYERS)]
         # The depth that one draw came to is read by the next: two take turns.
-        self._reached = [context.texture((size, size), 1, dtype="f4") for _ in range(2)]
+        self._reached = [context.texture(extent, 1, dtype="f4") for _ in range(2)]
         for texture in self._reached:
             texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
         self._framebuffers = [context.framebuffer([*self._layers, texture]) for texture in self._reached]
-        self._copied = context.buffer(reserve=size * size * 8)
+        self._copied = context.buffer(reserve=extent[0] * extent[1] * 8)
 
     def __enter__(self) -> SliceTargets:
         return self
@@ -96,5 +109,5 @@ class SliceTargets:
         framebuffer = self.framebuffer(number)
         for layer in range(LAYERS):
             framebuffer.read_into(self._copied, components=4, attachment=layer, dtype="f2", alignment=1)
-            place = (number * SLICES_PER_DRAW + 4 * layer, *corner, 4, self._size, self._size)
+            place = (number * SLICES_PER_DRAW + 4 * layer, *corner, 4, *self._extent)
             texture.write(self._copied, viewport=place, alignment=1)

@@ -32,6 +32,8 @@ _LIGHT_ROWS = 14
 _LIGHT_MAP_ROWS = 8
 _EMISSION_ROWS = 12
 
+#: Parts along each axis that the box of a shape is cut into, to tell where it can be seen.
+SHAPE_PARTS = 8
 _SHAPE_GRID, _SHAPE_BOX, _SHAPE_SPHERE, _SHAPE_CAPSULE = range(4)
 
 
@@ -41,6 +43,26 @@ def step_length(volume: Volume, placements: dict[str, Placement], steps: int) ->
     edges = (np.asarray(hi) - np.asarray(lo))[:, None] * to_world[:3, :3]
     signs = np.array([[1, a, b] for a in (-1, 1) for b in (-1, 1)])
     return float(np.linalg.norm(signs @ edges, axis=1).max()) / steps
+
+
+def occupied_spheres(plan: Plan, placements: dict[str, Placement]) -> list[tuple[np.ndarray, float]]:
+    """Spheres around all that is occupied, of each volume: centres (N, 3) relative to the render origin, and their
+    radius."""
+    spheres = []
+    for volume in plan.volumes:
+        lo, hi, box_to_world = _unit_box(volume, placements)
+        if volume.density is not None:
+            placement = placements[volume.path]
+            centres, edges = placement.occupied, 1.0 / np.maximum(placement.cells_scale, 1e-30)
+            edges = np.minimum(edges, 1.0)
+        else:
+            edges = (np.asarray(hi) - np.asarray(lo)) / SHAPE_PARTS
+            places = np.stack(np.meshgrid(*[np.arange(SHAPE_PARTS) + 0.5] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+            centres = lo + places * edges
+        diagonals = np.array([[1, a, b] for a in (-1, 1) for b in (-1, 1)]) * edges
+        radius = 0.5 * float(np.linalg.norm(diagonals @ box_to_world[:3, :3], axis=1).max())
+        spheres.append((centres @ box_to_world[:3, :3] + box_to_world[3, :3] - plan.origin, radius))
+    return spheres
 
 
 def _unit_box(volume: Volume, placements: dict[str, Placement]):
@@ -199,5 +221,7 @@ def pack_light_maps(plan: Plan, batch: range, capacity: int) -> bytes:
         row[6] = (*plan.map_atlas.corner(item.tile), item.weighting / item.reference, item.stretched)
         if plan.map_slices:
             first, spacing = slice_distances(item, plan.map_slices)
-            row[7, :2] = first, 1.0 / spacing
+            row[7] = first, 1.0 / spacing, *item.extent
+            if fit.kind == "orthographic":
+                row[:3, 2], row[3, 2] = fit.from_light / spacing, -first / spacing
     return rows.tobytes()

@@ -4,11 +4,11 @@
 #include "include/map_curve.glsl"
 
 struct LightMap {
-    mat4 to_map;       // point relative to the volume's centre -> (U, V, -, W)
+    mat4 to_map;       // point relative to the volume's centre -> (U, V, -, W); of orthographic slices (U, V, slice, 1)
     vec4 centre;       // relative to the render origin; w: MAP_*
     vec4 from_light;   // light -> centre, or the direction of travel; w: its length
     vec4 tile;         // first texel x, y; z: exponent per unit of extinction; w: 1 where levels are stretched
-    vec4 slices;       // distance of the first from the light, from the centre's; slices per unit of distance
+    vec4 slices;       // distance of the first from the light, from the centre's; slices per unit of distance; texels across and up
 };
 
 layout(std140) uniform LightMaps { LightMap light_maps[LIGHT_CAPACITY * VOLUME_COUNT]; };

@@ -20,7 +20,7 @@ def fill_slices(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     """Fill the tile of one pair of light and volume."""
     plan, item = frame.plan, planned.payload
     assert isinstance(item, PlannedMap)
-    settings, size = plan.settings, plan.map_size
+    settings, extent = plan.settings, item.extent
     program = frame.shaders.get(
         "fullscreen.vert",
         "transmittance_slices.frag",
@@ -32,11 +32,11 @@ def fill_slices(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     step = step_length(volume, frame.density.placements, light_steps_across(volume, settings))
     draws = plan.map_slices // SLICES_PER_DRAW
     frame.slices.owners[item.tile] = planned.name
-    with SliceTargets(frame.context, size, frame.rest) as targets:
+    with SliceTargets(frame.context, extent, frame.rest) as targets:
         for number in range(draws):
             framebuffer = targets.framebuffer(number)
             done = number / draws, (number + 1) / draws
-            for piece in frame.pieces((planned.name, settings.read_by("transmittance_map")), (size, size), *done):
+            for piece in frame.pieces((planned.name, settings.read_by("transmittance_map")), extent, *done):
                 with piece:
                     set_light_ray(frame, program, item)
                     program.set(

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import moderngl
 
+from ..covered import common, covered_boxes
 from ..draws import other_iterations, projective_minimum
 from ..frame import Frame
+from ..pieces import Box
 from ..planned import Plan, PlannedPass
+from ..uniforms import occupied_spheres
 
 
 def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
@@ -18,7 +21,22 @@ def run_march(frame: Frame, planned: PlannedPass) -> Iterator[float]:
     names = march_targets(plan, "march")
     for name in names:
         frame.targets.get(name, plan.march_size, media_formats(plan))
-    yield from march(frame, names, plan.march_divisor, moderngl.NOTHING)
+    boxes = None
+    if plan.pixels is None and plan.march_divisor == 1:
+        spheres = occupied_spheres(plan, frame.density.placements)
+        boxes = covered_boxes(spheres, plan.rays.view_projection, (plan.width, plan.height))
+    if boxes is not None:
+        for name in names:
+            _clear(frame, frame.targets[name])
+    yield from march(frame, names, plan.march_divisor, moderngl.NOTHING, boxes)
+
+
+def _clear(frame: Frame, target: moderngl.Framebuffer) -> None:
+    """What is seen where there is no medium: nothing scattered, all transmitted."""
+    for number, texture in enumerate(target.color_attachments):
+        framebuffer = frame.context.framebuffer([texture])
+        framebuffer.clear(*([1.0] * 4 if number == 1 else [0.0] * 4))
+        framebuffer.release()
 
 
 def media_formats(plan: Plan) -> tuple[str, ...]:
@@ -31,7 +49,9 @@ def march_targets(plan: Plan, name: str) -> tuple[str, ...]:
     return (name, f"{name}_other") if len(plan.batches) * len(plan.slices) > 1 else (name,)
 
 
-def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iterator[float]:
+def march(
+    frame: Frame, names: tuple[str, ...], stride: int, flags: int, boxes: Sequence[Box] | None = None
+) -> Iterator[float]:
     """March the pixels of a target: a batch of lights at a time, each in as many slices of the rays as the plan asks
     for.
 
@@ -40,6 +60,7 @@ def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iter
         names: of the targets, from `march_targets`.
         stride: pixels of the picture from one texel of the target to the next.
         flags: what of OpenGL to enable.
+        boxes: the parts of the target to draw; None draws all of it.
     """
     plan = frame.plan
     draws = [(batch, part) for batch in plan.batches for part in plan.slices]
@@ -74,9 +95,12 @@ def march(frame: Frame, names: tuple[str, ...], stride: int, flags: int) -> Iter
                     held = ("previous_scattered", "previous_transmittance", "previous_emission")
                     frame.bind(**dict(zip(held, previous.color_attachments, strict=False)))
                 frame.context.enable_only(flags)
-                target.scissor = piece.scissor
-                target.use()
-                frame.draw_fullscreen(program)
+                for box in (None,) if boxes is None else boxes:
+                    part_of_piece = piece.scissor if box is None else common(piece.scissor, box)
+                    if box is None or part_of_piece is not None:
+                        target.scissor = part_of_piece
+                        target.use()
+                        frame.draw_fullscreen(program)
                 target.scissor = None
                 if len(draws) > 1:
                     frame.context.finish()
