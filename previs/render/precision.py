@@ -72,7 +72,7 @@ def precision_notes(volume: Volume, densities: tuple[float, float], method: Meth
             f"an optical depth of up to {voxel:.1g} in a voxel; light on such a surface is as fine as a texel of its "
             "maps"
         )
-    if deepest > FULL_RANGE_DEPTH and method.has_maps and not method.adaptive:
+    if deepest > FULL_RANGE_DEPTH and method.curve == "cosine" and not method.adaptive:
         notes.append(
             f"an optical depth of up to {deepest:.1g} across; {method.name} blurs light in it, tfm and quantile do not"
         )

@@ -194,7 +194,7 @@ def _draw_plot(probe: TransmittanceProbe, channel: Channel, height: float) -> No
 def _interesting(probe: TransmittanceProbe) -> tuple[float, float]:
     """The part of the ray where something happens: the whole of it, or less where it begins far before the medium."""
     ends = [probe.picked]
-    for curve in probe.curves:
+    for curve in _adaptive(probe):
         ends += [k for k in (curve.k_min, curve.k_max) if math.isfinite(k)]
     line = probe.march.transmittance.min(axis=1)
     changing = probe.distance[np.abs(np.gradient(line)) > 1e-4]
@@ -204,6 +204,11 @@ def _interesting(probe: TransmittanceProbe) -> tuple[float, float]:
     low, high = max(min(ends), first), min(max(ends), last)
     margin = 0.08 * max(high - low, 1e-3 * (last - first))
     return low - margin, high + margin
+
+
+def _adaptive(probe: TransmittanceProbe) -> tuple[ProbeCurve, ...]:
+    """The curves whose maps have a range of their own; slices, which come last, go through the whole volume."""
+    return tuple(curve for curve in probe.curves if not curve.slices)
 
 
 def _line(label: str, x: np.ndarray, y: np.ndarray, color: Rgba, weight: float) -> None:
@@ -218,7 +223,7 @@ def _marks(probe: TransmittanceProbe, channel: Channel) -> None:
     if probe.threshold > 0.0:
         _across(paint, limits, probe.threshold, "T th")
     spoken: list[float] = []
-    for i, curve in enumerate(probe.curves):
+    for i, curve in enumerate(_adaptive(probe)):
         for k, name in ((curve.k_min, "k min"), (curve.k_max, "k max")):
             if not math.isfinite(k):
                 continue

@@ -12,7 +12,7 @@ CompareWith = Literal["coefficients", "march", "before"]
 
 #: What the second picture is, in the order of the menu.
 COMPARISONS: dict[CompareWith, str] = {
-    "coefficients": "the other of 6 | 14 map values",
+    "coefficients": "the other of 6 | 14",
     "march": "the reference march",
     "before": "before the last edit",
 }

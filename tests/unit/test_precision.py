@@ -89,7 +89,7 @@ def test_cosines_over_the_full_range_of_a_dense_medium() -> None:
     dense, thin = (volume(np.ones((8, 8, 8)), grey(part * limit)) for part in (1.1, 0.9))
     assert said(messages(dense, transmittance="tfm-plain"), FULL_RANGE)
     assert not said(messages(thin, transmittance="tfm-plain"), FULL_RANGE)
-    for name in ("tfm", "quantile", "march"):
+    for name in ("slices", "tfm", "quantile", "march"):
         assert not said(messages(dense, transmittance=name), FULL_RANGE)
 
 
