@@ -19,18 +19,22 @@ from ..image import Image
 from ..index import RenderIndex
 from ..meter import ErrorPart, ErrorScale, PixelSample
 from ..settings import BY_NAME, Settings
-from .draws import fine_steps_across, steps_across
+from .draws import light_steps_across, steps_across
 from .measure import ErrorMeter, brute_force, converged
-from .method import METHODS, method_of
+from .method import METHODS, SLICES_PER_DRAW, method_of
 from .renderer import Renderer
 
 #: Knobs that are chosen; those that the caller gives keep their values.
-CHOSEN = ("transmittance", "coefficients", "steps", "light_steps", "map_size")
+CHOSEN = ("transmittance", "coefficients", "steps", "light_steps", "map_size", "slices")
+#: Those of them that say how light's way is known.
+LIGHT_KNOBS = ("coefficients", "slices", "map_size", "light_steps")
+#: Methods in the order of what they take.
+METHODS_TRIED = ("slices", "quantile", "march")
 #: Rungs of the ladders of knobs: numbers of values, and parts of what the plan would take.
 COEFFICIENTS = (4, 6, 10, 14)
 STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 LIGHT_STEPS = (0.5, 1.0, 2.0, 4.0)
-MAP_SIZES = (0.25, 0.5, 1.0, 2.0, 4.0)
+MAP_SIZES = SLICES = (0.25, 0.5, 1.0, 2.0, 4.0)
 #: A raise that leaves more than this part of the light's error is not worth it.
 WORTH = 0.95
 #: What the limit of the search is multiplied by where the picture missed it, and how often.
@@ -135,10 +139,17 @@ def render_within(
     report(1.0)
     assert best is not None
     _, image, chosen = best
-    idle = () if method_of(chosen).has_maps else ("coefficients", "map_size")
-    free = [name for name in CHOSEN if name not in (*fixed, *idle)]
+    idle = set(LIGHT_KNOBS) - set(_light_knobs(chosen))
+    free = [name for name in CHOSEN if name not in fixed and name not in idle]
     choice = Choice(chosen, limit, met, search.tried if search else 0, {name: chosen[name] for name in free})
     return replace(image, stats={**image.stats, "choice": choice.to_dict()}), choice
+
+
+def _light_knobs(settings: Settings) -> tuple[str, ...]:
+    """Those of `LIGHT_KNOBS` that have an effect with a method."""
+    method = method_of(settings)
+    own = {"coefficients": method.has_coefficients, "slices": method.curve == "slices", "map_size": method.has_maps}
+    return tuple(name for name in LIGHT_KNOBS if own.get(name, True))
 
 
 def _finished(work: Generator[float, None, T]) -> T:
@@ -183,12 +194,6 @@ class _Search:
         self._sample: PixelSample = _finished(meter.choosing(index, camera, image, start, seed))
         self._truth = self._pixels(converged(settings, self._volumes))
         self._scale = ErrorScale(image.color.astype(float), self._sample, self._truth)
-        methods = self._ladders["transmittance"]
-        if len(methods) > 1:
-            # Maps cost alike whatever curve they hold: the best of them, and the march for where none does.
-            maps = [m for m in methods if METHODS[m].has_maps]
-            best = min(maps, key=lambda m: self._try(self.chosen(transmittance=m)).light.mean_relative_error.value)
-            self._ladders["transmittance"] = (best, *(m for m in methods if not METHODS[m].has_maps))
 
     @property
     def tried(self) -> int:
@@ -203,15 +208,18 @@ class _Search:
     def _make_ladders(self, renderer: Renderer, fixed: Collection[str]) -> dict[str, tuple]:
         grids = [v for v in self._volumes if v.density is not None]
         steps = max((steps_across(v, 0) for v in self._volumes), default=1)
-        light_steps = max((fine_steps_across(v) for v in grids), default=1)
-        map_size = 0
+        own = method_of(self._settings).name
+        first = own if "transmittance" in fixed and METHODS[own].has_maps else METHODS_TRIED[0]
+        maps = self._settings.replace(map_size=0, slices=0, light_steps=0, transmittance=first)
+        light_steps = max((light_steps_across(v, maps) for v in grids), default=1)
+        map_size = slices = 0
         if grids:
-            maps = self._settings.replace(map_size=0, transmittance=self._map_method())
-            map_size = renderer.plan(self._index, self._camera, *self._size, maps).map_size
-        methods = [m for m in BY_NAME["transmittance"].choices if METHODS[m].adaptive or not METHODS[m].has_maps]
+            plan = renderer.plan(self._index, self._camera, *self._size, maps)
+            map_size, slices = plan.map_size, plan.map_slices
         ladders: dict[str, tuple] = {
-            "transmittance": tuple(methods),
+            "transmittance": METHODS_TRIED,
             "coefficients": COEFFICIENTS,
+            "slices": _parts("slices", slices, SLICES, SLICES_PER_DRAW) if slices else (self._settings.slices,),
             "map_size": _parts("map_size", map_size, MAP_SIZES),
             "light_steps": _parts("light_steps", light_steps, LIGHT_STEPS),
             "steps": _parts("steps", steps, STEPS),
@@ -222,16 +230,13 @@ class _Search:
                 ladders[name] = (self._settings[name],)
         return ladders
 
-    def _map_method(self) -> str:
-        given = method_of(self._settings)
-        return given.name if given.has_maps else next(m.name for m in METHODS.values() if m.adaptive)
-
     def _pixels(self, settings: Settings) -> np.ndarray:
         return _finished(self._meter.drawing(self._index, self._camera, self._size, (settings,), self._sample))[0]
 
     def _try(self, settings: Settings) -> _Trial:
         """What the pixels of some settings are off."""
-        key = tuple(settings[name] for name in self._ladders)
+        named = ("transmittance", "steps", *_light_knobs(settings))
+        key = tuple((name, settings[name]) for name in named)
         if key not in self._trials:
             if settings.steps not in self._marched:
                 self._marched[settings.steps] = self._pixels(brute_force(settings, self._volumes))
@@ -269,11 +274,12 @@ class _Search:
         return True
 
     def _raise_light(self) -> bool:
-        """Raise what lowers the light's error most; the brute-force march comes when nothing does."""
-        names = ("coefficients", "map_size", "light_steps")
-        if not method_of(self.chosen()).has_maps:
+        """Raise what lowers the light's error most; when nothing does it is the next method's turn, the brute-force
+        march being the last."""
+        names = _light_knobs(self.chosen())
+        if not method_of(self.chosen()).has_maps and not self._ladders["light_steps"][self._rungs["light_steps"]]:
             # A march in steps can have more of them; one from voxel to voxel is exact.
-            names = ("light_steps",) if self._ladders["light_steps"][self._rungs["light_steps"]] else ()
+            names = ()
         before = self._try(self.chosen()).light.mean_relative_error.value
         outcomes = []
         for name in filter(self._can_rise, names):
@@ -297,9 +303,12 @@ class _Search:
         return False
 
 
-def _parts(name: str, whole: int, parts: tuple[float, ...]) -> tuple[int, ...]:
-    """The parts of a number in the range of a knob, rising; what the plan would take is 0, which leaves it to it."""
+def _parts(name: str, whole: int, parts: tuple[float, ...], multiple: int = 1) -> tuple[int, ...]:
+    """The parts of a number in the range of a knob, rising, as multiples of another; what the plan would take is 0,
+    which leaves it to it."""
     setting = BY_NAME[name]
     low, high = int(setting.minimum or 1), int(setting.maximum or 1)
-    values = {part: min(max(round(part * whole), low), high) for part in parts}
-    return tuple(0 if part == 1.0 else v for part, v in values.items() if part == 1.0 or low < v < high)
+    values = {part: min(max(round(part * whole / multiple) * multiple, low), high) for part in parts}
+    return tuple(
+        0 if part == 1.0 else v for part, v in values.items() if part == 1.0 or (low < v < high and v != whole)
+    )

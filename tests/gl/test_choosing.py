@@ -36,8 +36,10 @@ def test_a_lower_limit_takes_more(renderer):
     assert coarse.error.mean_relative_error.high <= 0.1
     assert fine.error.mean_relative_error.high <= 0.003
     assert loose.knobs != tight.knobs and set(loose.knobs) <= set(CHOSEN)
-    amount = [c.settings.steps * c.settings.coefficients if c.settings.steps else 1e9 for c in (loose, tight)]
-    assert amount[0] <= amount[1] or tight.settings.transmittance == "march"
+    assert loose.settings.transmittance == "slices" and "slices" in loose.knobs and "coefficients" not in loose.knobs
+    for name in ("steps", "map_size", "slices") if tight.settings.transmittance == "slices" else ("steps",):
+        amount = [c.settings[name] or 1e9 for c in (loose, tight)]
+        assert amount[0] <= amount[1]
     for choice in (loose, tight):
         assert all(choice.settings[n] == SETTINGS[n] for n in SETTINGS if n not in CHOSEN)
     assert fine.stats["choice"]["met"] and "0.3 %" in str(tight)
@@ -57,7 +59,7 @@ def test_what_cannot_be_met_is_said_and_the_best_comes_back(renderer):
 
 @pytest.mark.parametrize(
     "fixed",
-    [{"transmittance": "tfm"}, {"transmittance": "march"}, {"steps": 700}, {"coefficients": 16, "map_size": 40}],
+    [{"transmittance": "tfm"}, {"transmittance": "march"}, {"steps": 700}, {"slices": 56, "map_size": 40}],
     ids=lambda f: ", ".join(f),
 )
 def test_knobs_that_are_given_keep_their_values(renderer, fixed):
@@ -85,7 +87,7 @@ def test_settings_of_the_frame_before_are_tried_first(renderer):
     _, choice = chosen(renderer, 0.02)
     _, next_choice = chosen(renderer, 0.02, first=choice.settings.replace(steps=512, coefficients=14), seed=3)
     assert next_choice.met and next_choice.tried == 0 and next_choice.settings.steps == 512
-    _, searched = chosen(renderer, 0.02, first=choice.settings.replace(steps=2, coefficients=2), seed=3)
+    _, searched = chosen(renderer, 0.02, first=choice.settings.replace(steps=2, map_size=8), seed=3)
     assert searched.met and searched.tried > 0
 
 
