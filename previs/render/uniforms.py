@@ -45,11 +45,13 @@ def step_length(volume: Volume, placements: dict[str, Placement], steps: int) ->
     return float(np.linalg.norm(signs @ edges, axis=1).max()) / steps
 
 
-def occupied_spheres(plan: Plan, placements: dict[str, Placement]) -> list[tuple[np.ndarray, float]]:
-    """Spheres around all that is occupied, of each volume: centres (N, 3) relative to the render origin, and their
-    radius."""
+def occupied_spheres(
+    plan: Plan, placements: dict[str, Placement], number: int | None = None
+) -> list[tuple[np.ndarray, float]]:
+    """Spheres around all that is occupied, of each volume, or of the one of that number: centres (N, 3) relative to the
+    render origin, and their radius."""
     spheres = []
-    for volume in plan.volumes:
+    for volume in plan.volumes if number is None else plan.volumes[number : number + 1]:
         lo, hi, box_to_world = _unit_box(volume, placements)
         if volume.density is not None:
             placement = placements[volume.path]
