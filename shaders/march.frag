@@ -491,8 +491,8 @@ void main() {
         if (light_count > 3) add_light(3);
 #endif
 #endif
-        gathered *= mean;
 #endif
+        gathered *= mean;
         if (again) {
             tried = wanted;
             continue;
