@@ -90,7 +90,7 @@ def octahedral(uv: np.ndarray) -> np.ndarray:
 
 
 def filled(renderer: previs.Renderer, held: Volume, light: Light, **knobs) -> Filled:
-    settings = Settings(**{"steps": 4, "light_steps": STEPS, "map_size": SIZE, **knobs})
+    settings = Settings(**{"transmittance": "quantile", "steps": 4, "light_steps": STEPS, "map_size": SIZE, **knobs})
     description = scene(held, light)
     plan = renderer.plan(index_of(description), VIEW, 4, 3, settings)
     renderer.draw(plan)
@@ -241,7 +241,7 @@ def test_a_gap_is_left_out(renderer: previs.Renderer) -> None:
 def along(renderer: previs.Renderer, row: list[float], extinction: float, count: int):
     """The curve that a map of `count` values gives through a row of voxels, and that of a fine march."""
     held = volume(np.array(row)[:, None, None] * np.ones((1, 4, 4)), grey(extinction), path="/Cloud")
-    knobs = Settings(coefficients=count, map_size=SIZE, light_steps=STEPS)
+    knobs = Settings(transmittance="quantile", coefficients=count, map_size=SIZE, light_steps=STEPS)
     found = probe(renderer, index_of(scene(held, ALONG_X)), knobs, "/Light", np.zeros(3), 400)
     return found, next(c for c in found.curves if c.coefficients == count)
 
