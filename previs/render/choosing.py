@@ -34,7 +34,9 @@ METHODS_TRIED = ("slices", "quantile", "march")
 COEFFICIENTS = (4, 6, 10, 14)
 STEPS = (0.25, 0.5, 1.0, 2.0, 4.0)
 LIGHT_STEPS = (0.5, 1.0, 2.0, 4.0)
-MAP_SIZES = SLICES = (0.25, 0.5, 1.0, 2.0, 4.0)
+MAP_SIZES = (0.25, 0.5, 1.0, 2.0, 4.0)
+#: The same of slices and of their sizes, which cost by the product.
+SLICES = (0.25, 0.5, 1.0, 2.0)
 #: A raise that leaves more than this part of the light's error is not worth it.
 WORTH = 0.95
 #: What the limit of the search is multiplied by where the picture missed it, and how often.
@@ -220,7 +222,7 @@ class _Search:
             "transmittance": METHODS_TRIED,
             "coefficients": COEFFICIENTS,
             "slices": _parts("slices", slices, SLICES, SLICES_PER_DRAW) if slices else (self._settings.slices,),
-            "map_size": _parts("map_size", map_size, MAP_SIZES),
+            "map_size": _parts("map_size", map_size, SLICES if slices else MAP_SIZES),
             "light_steps": _parts("light_steps", light_steps, LIGHT_STEPS),
             "steps": _parts("steps", steps, STEPS),
         }
