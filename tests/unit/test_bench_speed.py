@@ -123,6 +123,13 @@ def test_quality_presets_are_compared_but_for_the_one_that_is_the_default():
     assert "final" in [v.name for v in ways.ways(Settings(coefficients=14))]
 
 
+def test_curves_stand_in_for_slices():
+    found = [v for v in ways.ways(Settings()) if v.family == "curve"]
+    assert [v.name for v in found] == [f"{m} {n}" for m, n in ways.CURVES]
+    assert all(v.settings["transmittance"] != "slices" for v in found)
+    assert not [v for v in ways.ways(Settings(transmittance="tfm")) if v.family == "curve"]
+
+
 def test_light_that_is_marched_already_is_not_marched_again():
     names = [v.name for v in ways.ways(Settings(transmittance="march"))]
     assert "all off, light marched" not in names

@@ -23,7 +23,7 @@ FRAMES = {
 COLUMNS = {
     "scene": "name of the scene",
     "way": "name of the way to draw it; `floor` is the march through the density alone",
-    "family": "default, quality, without or with an accelerator, off (all of them), march, plain, floor",
+    "family": "default, quality, without or with an accelerator, curve, off (all accelerators), march, plain, floor",
     "settings": "knobs in which it differs from the defaults of previs",
     **{
         f"{frame}_{clock}{end}": f"{words}: {meaning}, seconds{which}"

@@ -19,6 +19,8 @@ OFF: Mapping[str, Any] = {
 }
 #: Values of those of them that cost accuracy, and are therefore off where nobody asks for them.
 ON: Mapping[str, tuple[Any, ...]] = {"march_divisor": (2, 4)}
+#: What other methods attenuate light by, with their numbers of values.
+CURVES = (("quantile", 6), ("quantile", 14), ("tfm", 6))
 #: Steps of the plain renderer that are tried, of view rays and light rays alike.
 LADDER = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 #: Names of the ways that tables refer to.
@@ -50,8 +52,8 @@ def quality_presets() -> dict[str, Mapping[str, Any]]:
 
 
 def ways(base: Settings) -> list[Variant]:
-    """What is compared besides the plain renderer: the default first, all accelerators off last but one, and light
-    marched exactly instead of taken from maps.
+    """What is compared besides the plain renderer: the default first, maps of curves instead of slices, all accelerators
+    off last but one, and light marched exactly instead of taken from maps.
 
     Args:
         base: the stage's own settings.
@@ -69,6 +71,10 @@ def ways(base: Settings) -> list[Variant]:
         else:
             for on in ON.get(name, ()):
                 found.append(Variant(f"{name} {on}", {name: BY_NAME[name].parse(on)}, "with"))
+    if base.transmittance == "slices":
+        for method, count in CURVES:
+            values = {"transmittance": method, "coefficients": count}
+            found.append(Variant(f"{method} {count}", values, "curve"))
     if any(base[name] != value for name, value in off.items()):
         found.append(Variant(ALL_OFF, off, "off"))
     if base.transmittance != "march":
