@@ -1,8 +1,9 @@
 """The ladder of quality that the view climbs: a draft at once, the full picture when nothing moves.
 
-A draft has the preset of that name: its media are marched at a quarter of the resolution, its surfaces are not. Where
-the machine cannot keep up with a hand it is a smaller picture too. Then come the media of the preset preview, then what
-the settings ask for. Where the machine draws the full picture at once there is no ladder.
+A draft has the preset of that name: its media are marched for fewer pixels than there are, its surfaces are not. Where
+the machine cannot keep up with a hand they are marched for fewer still, and then it is a smaller picture too. Then come
+the media of the preset preview, then what the settings ask for. Where the machine draws the full picture at once there
+is no ladder.
 
 Where that is asked for it goes on to the truth: finer levels, and at last the march that errors are measured against.
 Every level is a whole picture of its own, and every sample of a pixel takes all of its steps: the mean of many pictures
@@ -34,11 +35,15 @@ DRAFT_SECONDS = 0.055
 AT_ONCE_SECONDS = 0.04
 #: A final picture that takes no longer than this needs no preview before it.
 NO_PREVIEW_SECONDS = 0.25
-#: The size of drafts changes only when the present one takes less than this part of the time, or more than that
+#: What a draft gives up changes only when the present one takes less than this part of the time, or more than that
 #: multiple of it: another size is another G-buffer, and a picture that flickers.
 STEADY = (0.35, 1.5)
-#: Sides of a draft's pixels, in pixels of the view.
-DIVISORS = (1, 2, 3, 4, 6, 8)
+#: What drafts give up, the least first: the side of a pixel in pixels of the view, and the side of the square of those
+#: that one view ray is marched for at least.
+DRAFTS = ((1, 1), (1, 4), (2, 1), (2, 4), (3, 4), (4, 4), (6, 4), (8, 4))
+#: Time per pixel of a draft of which one pixel of 4 × 4 is marched, where that of the preset alone takes 1; measured in
+#: software on the shipped plume and cloud.
+COARSE_SHARE = 0.62
 #: What of its preset a draft takes: the switch between 6 and 14 map values is to be seen at once.
 DRAFT_KNOBS = tuple(name for name in PRESET_KNOBS if name != "coefficients")
 #: What of its preset a preview takes: the final picture's maps are its own, or they would be made twice.
@@ -55,7 +60,7 @@ CONVERGED_ERROR = 1e-3
 #: Seconds per pixel before anything was measured: a processor and a graphics card.
 FIRST_GUESS = {True: 3.0e-7, False: 1.0e-9}
 #: A final picture takes so many times longer per pixel than a draft, before it was measured.
-FINAL_TO_DRAFT = 20.0
+FINAL_TO_DRAFT = 4.0
 
 
 @dataclass(frozen=True)
@@ -84,16 +89,18 @@ class Pace:
 
     def __init__(self, software: bool) -> None:
         guess = FIRST_GUESS[software]
-        self._seconds = {"draft": guess, "preview": 4.0 * guess, "final": FINAL_TO_DRAFT * guess}
-        self._divisor = 0
+        self._seconds = {"draft": guess, "preview": 2.0 * guess, "final": FINAL_TO_DRAFT * guess}
+        self._draft: tuple[int, int] | None = None
 
     def measured(self, level: Level, pixels: int, seconds: float) -> None:
         """Take in how long a whole picture of a level took, which has so many pixels times samples."""
         rate = seconds / max(pixels, 1)
+        if level.name == "draft":
+            rate /= _share(level.settings.march_divisor)
         self._seconds[level.name] += 0.5 * (rate - self._seconds[level.name])
 
     def seconds(self, name: LevelName, pixels: int) -> float:
-        """How long a picture of a level is expected to take."""
+        """How long a picture of a level is expected to take, where it is a draft one of the preset."""
         return self._seconds[name] * pixels
 
     def first(self, width: int, height: int, settings: Settings) -> Level:
@@ -101,11 +108,15 @@ class Pace:
         if self.seconds("final", width * height) <= AT_ONCE_SECONDS:
             # More samples per pixel are for a picture at rest.
             return final(settings) if settings.antialias == 1 else Level("preview", 1, settings.replace(antialias=1))
-        whole = self.seconds("draft", width * height)
-        kept = whole / max(self._divisor, 1) ** 2 / DRAFT_SECONDS
-        if not self._divisor or not STEADY[0] <= kept <= STEADY[1]:
-            self._divisor = next((d for d in DIVISORS if whole / (d * d) <= DRAFT_SECONDS), DIVISORS[-1])
-        return Level("draft", self._divisor, draft_settings(settings))
+
+        def part(draft: tuple[int, int]) -> float:
+            divisor, marched = draft
+            return self.seconds("draft", width * height) * _share(marched) / divisor**2 / DRAFT_SECONDS
+
+        if self._draft is None or not STEADY[0] <= part(self._draft) <= STEADY[1]:
+            self._draft = next((d for d in DRAFTS if part(d) <= 1.0), DRAFTS[-1])
+        divisor, marched = self._draft
+        return Level("draft", divisor, draft_settings(settings, marched))
 
     def next(self, reached: LevelName, width: int, height: int, settings: Settings) -> Level | None:
         """The level after one that was reached; None after the last."""
@@ -123,9 +134,18 @@ def final(settings: Settings) -> Level:
     return Level("final", 1, settings)
 
 
-def draft_settings(settings: Settings) -> Settings:
-    """The settings of a draft. Light is never marched in it: a map of it is filled sooner."""
+def _share(marched: int) -> float:
+    """Time per pixel of a draft of which one pixel of a square of that side is marched."""
+    return COARSE_SHARE if marched == 4 else 1.0
+
+
+def draft_settings(settings: Settings, marched: int = 1) -> Settings:
+    """The settings of a draft, with view rays marched for squares of pixels of that side at least.
+
+    Light is never marched in it: slices of it are filled sooner.
+    """
     draft = at_most(settings, "draft", DRAFT_KNOBS).replace(antialias=1)
+    draft = draft.replace(march_divisor=max(draft.march_divisor, marched))
     if not method_of(settings).has_maps:
         draft = draft.replace(transmittance=FINER_METHOD)
     return draft

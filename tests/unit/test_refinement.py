@@ -14,8 +14,9 @@ from previs.render.draws import steps_across
 from previs.render.measure import converged
 from previs.ui.error_text import error_hint, error_words, percent
 from previs.ui.refinement import (
-    DIVISORS,
+    COARSE_SHARE,
     DRAFT_SECONDS,
+    DRAFTS,
     FINER_TEXELS,
     Level,
     Pace,
@@ -42,13 +43,34 @@ def paced(draft: float, last: float | None = None) -> Pace:
 def test_a_draft_is_as_large_as_it_may_be(seconds):
     level = paced(seconds).first(*SIZE, Settings())
     assert level.name == "draft"
-    assert seconds / level.divisor**2 <= DRAFT_SECONDS
-    larger = [d for d in DIVISORS if d < level.divisor]
-    assert not larger or seconds / larger[-1] ** 2 > DRAFT_SECONDS
+
+    def expected(divisor: int, marched: int) -> float:
+        return seconds * (COARSE_SHARE if marched == 4 else 1.0) / divisor**2
+
+    taken = (level.divisor, level.settings.march_divisor)
+    least = preset("draft")["march_divisor"]
+    better = [d for d in DRAFTS if expected(*d) > expected(*taken)]
+    assert taken in [(divisor, max(marched, least)) for divisor, marched in DRAFTS]
+    assert expected(*taken) <= DRAFT_SECONDS and all(expected(*d) > DRAFT_SECONDS for d in better)
+
+
+def test_surfaces_stay_sharp_longer_than_media():
+    """Fewer pixels are marched before there are fewer of them."""
+    level = paced(0.08).first(*SIZE, Settings())
+    assert level.divisor == 1 and level.settings.march_divisor == 4
+    assert paced(0.03).first(*SIZE, Settings()).settings.march_divisor == preset("draft")["march_divisor"]
+
+
+def test_the_pace_of_coarser_drafts_says_that_of_finer_ones():
+    pace = paced(0.08)
+    for _ in range(30):
+        level = pace.first(*SIZE, Settings())
+        pace.measured(level, PIXELS, 0.08 * COARSE_SHARE)
+    assert level.settings.march_divisor == 4 and pace.seconds("draft", PIXELS) == pytest.approx(0.08)
 
 
 def test_the_slowest_scene_gets_the_smallest_draft():
-    assert paced(100.0).first(*SIZE, Settings()).divisor == DIVISORS[-1]
+    assert paced(100.0).first(*SIZE, Settings()).divisor == DRAFTS[-1][0]
 
 
 def test_where_the_full_picture_is_quick_there_is_no_ladder():
@@ -58,14 +80,14 @@ def test_where_the_full_picture_is_quick_there_is_no_ladder():
 
 def test_the_size_does_not_follow_every_measurement():
     pace = paced(0.2)
-    kept = pace.first(*SIZE, Settings()).divisor
+    kept = pace.first(*SIZE, Settings())
     for factor in (1.3, 0.7, 1.2, 0.8):
         for _ in range(5):
             pace.measured(Level("draft", 1, Settings()), PIXELS, 0.2 * factor)
-        assert pace.first(*SIZE, Settings()).divisor == kept
+        assert pace.first(*SIZE, Settings()) == kept
     for _ in range(10):
         pace.measured(Level("draft", 1, Settings()), PIXELS, 2.0)
-    assert pace.first(*SIZE, Settings()).divisor > kept
+    assert pace.first(*SIZE, Settings()).divisor > kept.divisor
 
 
 def test_levels_follow_one_another_to_the_settings_asked_for():
