@@ -2,10 +2,10 @@
 
 Errors are mean relative errors of 640×360 pixels against a converged march, times those of such a picture after every
 light has moved, half the processor time of Mesa's software rasteriser on two cores. Of the shipped plume and cloud, and
-of the smoke of Arnold's samples, where it is as small as a tenth of the picture: `draft` is 0.8, 1.6 and 5.0 % off in
-62, 65 and 18 ms, `preview` 0.4, 0.7 and 3.7 % in 91, 94 and 28 ms, `final`, which is the defaults of the table of
-settings, 0.1, 0.4 and 0.8 % in 270, 290 and 115 ms. On the other shipped scenes draft is less than 2 % off and preview
-less than 1.3 %, but for edges of media that are opaque within a pixel or two, as of the pyroclastic: 11 and 5 %.
+of the smoke of Arnold's samples, all of it within a fifth of the picture: `draft` is 0.7, 1.5 and 4.8 % off in 59, 61
+and 18 ms, `preview` 0.4, 0.8 and 3.8 % in 74, 79 and 27 ms, `final`, which is the defaults of the table of settings,
+0.1, 0.4 and 0.9 % in 214, 228 and 97 ms. On the other shipped scenes draft is less than 2 % off and preview less than
+1.3 %, but for edges of media that are opaque within a pixel or two, as of the pyroclastic: 10 and 5 %.
 
 The method of transmittance is left as it is: `slices`, `map_size` and `light_steps` are tuned for slices,
 `coefficients` and `map_filter` keep maps of curves quick for whoever has chosen those.
@@ -21,10 +21,10 @@ from .settings import BY_NAME, Settings
 _VALUES: Mapping[str, Mapping[str, Any]] = {
     "draft": {
         "coefficients": 4,
-        "steps": 48,
+        "steps": 56,
         "march_divisor": 2,
         "light_steps": 64,
-        "map_size": 80,
+        "map_size": 88,
         "slices": 84,
         "map_filter": "nearest",
         "shadow_map_size": 512,

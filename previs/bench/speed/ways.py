@@ -52,8 +52,8 @@ def quality_presets() -> dict[str, Mapping[str, Any]]:
 
 
 def ways(base: Settings) -> list[Variant]:
-    """What is compared besides the plain renderer: the default first, maps of curves instead of slices, all accelerators
-    off last but one, and light marched exactly instead of taken from maps.
+    """What is compared besides the plain renderer: the default first, maps of curves instead of slices, all
+    accelerators off last but one, and light marched exactly instead of taken from maps.
 
     Args:
         base: the stage's own settings.
