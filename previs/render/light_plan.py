@@ -32,9 +32,11 @@ ATLAS_MEMORY = 2**30
 #: Up to so many transmittance maps are never coarser than 256².
 MANY_MAPS = 32
 #: Slices along the light's rays that are taken without being asked for.
-SLICES_PER_VOXEL, LEAST_SLICES, MOST_SLICES = 0.75, 56, 280
+SLICES_PER_VOXEL, LEAST_SLICES, MOST_SLICES = 0.75, 56, 224
 #: Texels along the side of slices, from and to.
-SLICE_SIZES = 128, 512
+SLICE_SIZES = 128, 384
+#: Texture memory that all light-space grids may take together; beyond it they get coarser.
+SLICE_MEMORY = 2**28
 #: Shorter side of a light-space grid at the least, as a part of the longer one.
 LEAST_ASPECT = 0.125
 #: Optical depth of the densest voxel from which slices are finer than voxels, up to twice as fine.
@@ -54,12 +56,12 @@ def _volume_bounds(entry: Entry):
     return FITS.get(key, lambda: volume_world_bounds(entry.record))
 
 
-def fitting_size(wanted: int, tiles: int, bytes_per_texel: int, edge: int) -> int:
-    """The size of square tiles, halved from the wanted one until all fit one atlas of that edge and the memory for
-    it."""
+def fitting_size(wanted: int, tiles: int, bytes_per_texel: int, edge: int, memory: int = ATLAS_MEMORY) -> int:
+    """The size of square tiles, made smaller by a quarter from the wanted one until all fit one atlas of that edge and
+    the memory for it."""
     size = min(wanted, edge)
-    while size > 16 and (tiles > (edge // size) ** 2 or tiles * size * size * bytes_per_texel > ATLAS_MEMORY):
-        size //= 2
+    while size > 16 and (tiles > (edge // size) ** 2 or tiles * size * size * bytes_per_texel > memory):
+        size = max(size * 3 // 4, 16)
     return size
 
 
@@ -208,12 +210,17 @@ def map_resolution(
         if longest > wanted:
             message = f"transmittance maps have {wanted}² texels for {longest} voxels; map_size sets more"
             notes.append(Note("approximated", max(volumes, key=_longest).path, message))
-    edge = limits.texture_3d_size if slices else limits.texture_size
-    size = fitting_size(wanted, pairs, method_of(settings).texel_bytes(settings, slices), edge)
+    edge, memory = _atlas_limits(slices, limits)
+    size = fitting_size(wanted, pairs, method_of(settings).texel_bytes(settings, slices), edge, memory)
     if size < wanted:
         message = f"{counted(pairs, 'transmittance map')} have {size}² texels to fit"
         notes.append(Note("approximated", volumes[grids[0]].path, message))
     return size, slices
+
+
+def _atlas_limits(slices: int, limits: DeviceLimits) -> tuple[int, int]:
+    """Largest edge of the atlas of maps, and the memory that it may take."""
+    return (limits.texture_3d_size, SLICE_MEMORY) if slices else (limits.texture_size, ATLAS_MEMORY)
 
 
 def plan_maps(
@@ -231,10 +238,10 @@ def plan_maps(
     planned = []
     size, slices = resolution
     tile_bytes = size * size * method_of(settings).texel_bytes(settings, slices)
-    edge = limits.texture_3d_size if slices else limits.texture_size
+    edge, memory = _atlas_limits(slices, limits)
     meeting = {e.record.path: meeting_grids(e, volumes, grids, settings) for e in lights}
     pairs = [(e.record.path, volumes[i].record.path) for e in lights for i in meeting[e.record.path]]
-    layout = lay_out(previous, [(p, 1) for p in pairs], size, tile_bytes, edge, ATLAS_MEMORY)
+    layout = lay_out(previous, [(p, 1) for p in pairs], size, tile_bytes, edge, memory)
     for light_number, light_entry in enumerate(lights):
         light = light_entry.record
         for volume_number in meeting[light.path]:
