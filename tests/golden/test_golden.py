@@ -21,7 +21,7 @@ SIZE = (160, 90)
 #: (name, scene, settings): the scenes as they come, and the other ways to their light.
 PICTURES = [
     *((name, name, {}) for name in ("plume", "pyroclastic", "sandstorm", "cloud", "shaft", "duo", *MADE)),
-    ("duo_14", "duo", {"coefficients": 14}),
+    ("duo_14", "duo", {"transmittance": "quantile", "coefficients": 14}),
     ("duo_tfm", "duo", {"transmittance": "tfm"}),
     ("plume_plain", "plume", {"transmittance": "tfm-plain", "coefficients": 14}),
     ("instances_march", "instances", {"transmittance": "march", "steps": 64, "light_steps": 64}),
