@@ -168,7 +168,9 @@ class Measurement:
         self.dragging = True
         begin, serial, divisors = clock(), app.picture.serial, []
         while clock() - begin < 4.0:
-            app.move_camera(lambda orbit: orbit.orbit(0.004, 0.0))
+            # To and fro: what is looked at stays in view.
+            turn = 0.004 if len(divisors) % 20 < 10 else -0.004
+            app.move_camera(lambda orbit, turn=turn: orbit.orbit(turn, 0.0))
             divisors.append((app.size[0] / app.picture.plan.width, app.picture.plan.settings.march_divisor))
             yield
         seconds = clock() - begin

@@ -561,6 +561,7 @@ def portrait(hand: Hand) -> None:
     """README's picture of the window, as portrait.png."""
     hand.open()
     hand.finish()
+    hand.press(imgui.Key._6)
     hand.drag("//Look/density_scale", 16)
     hand.press(imgui.Key.i)
     hand.click_picture(0.52, 0.5)
