@@ -24,13 +24,17 @@ SOLID_DEPTH = 2e5
 #: Optical depth through a volume from which 16 cosines over the full range fall below 40 dB, in the bench's smoke and
 #: solid by optical depth.
 FULL_RANGE_DEPTH = 30.0
+#: Leaves that are looked through at a time.
+LEAVES = 4096
 
 
 def density_range(grid: SparseGrid) -> tuple[float, float]:
     """(least above zero, largest) of the values a grid holds; (inf, 0) where there is none above zero."""
     least, largest = math.inf, 0.0
-    for values in (grid.leaf_values, getattr(getattr(grid, "tiles", None), "value", np.zeros(0))):
-        values = np.asarray(values)
+    leaves = np.asarray(grid.leaf_values)
+    # Some leaves at a time: which values are above zero takes a byte for each of them.
+    slabs = [leaves[first : first + LEAVES] for first in range(0, len(leaves), LEAVES)]
+    for values in (*slabs, np.asarray(getattr(getattr(grid, "tiles", None), "value", np.zeros(0)))):
         if values.size:
             least = min(least, float(np.min(values, initial=math.inf, where=values > 0.0)))
             largest = max(largest, float(np.max(values, initial=0.0)))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import threading
 from collections import Counter, OrderedDict
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from .values import attribute_value
 
 #: Voxels of files that are not in the picture any more are kept up to this many bytes, for scrubbing back and forth.
 CACHE_BYTES = 1 << 30
+_LEAVES = 4096  # looked through and cleaned at a time
 
 
 @dataclass
@@ -34,8 +35,8 @@ class LoadedGrid:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the leaf values, the bulk of a grid."""
-        return int(self.grid.leaf_values.nbytes + self.grid.leaf_active.nbytes)
+        """Memory of the leaf values, the bulk of a grid, and of a bit for each voxel whether it is active."""
+        return int(self.grid.leaf_values.nbytes) + len(self.grid.leaf_origins) * 64
 
 
 @dataclass(frozen=True)
@@ -289,10 +290,13 @@ def cleaned(grid: SparseGrid) -> tuple[SparseGrid, list[tuple[str, str]]]:
     The background, tiles and inactive voxels are cleaned too, since interpolation reaches them; only active values are
     counted.
     """
+    values = np.asarray(grid.leaf_values)
+    if all(_is_clean(np.asarray(a)) for a in (values, grid.tiles.value, grid.inactive_tiles.value, grid.background)):
+        return grid, []
     largest = _largest_finite(grid)
     notes = []
     bad = {"NaN": 0, "infinite": 0, "negative": 0}
-    values, counts = _clean_array(np.asarray(grid.leaf_values), largest, np.asarray(grid.leaf_active))
+    values, counts = _clean_array(values, largest, np.asarray(grid.leaf_active))
     for name, count in counts.items():
         bad[name] += count
     changes: dict[str, object] = {"leaf_values": values}
@@ -317,22 +321,36 @@ def cleaned(grid: SparseGrid) -> tuple[SparseGrid, list[tuple[str, str]]]:
 
 
 def _largest_finite(grid: SparseGrid) -> float:
-    candidates = [np.asarray(grid.leaf_values), np.asarray(grid.tiles.value)]
-    finite = [float(np.max(a, where=np.isfinite(a), initial=0.0)) for a in candidates if a.size]
+    slabs = (*_slabs(np.asarray(grid.leaf_values)), np.asarray(grid.tiles.value))
+    finite = [float(np.max(a, where=np.isfinite(a), initial=0.0)) for a in slabs if a.size]
     return max(finite, default=0.0)
+
+
+def _slabs(values: np.ndarray) -> Iterator[np.ndarray]:
+    """Views of some leaves at a time: what is made of all voxels at once takes as much memory as they do."""
+    for first in range(0, len(values), _LEAVES):
+        yield values[first : first + _LEAVES]
+
+
+def _is_clean(values: np.ndarray) -> bool:
+    # min and max are NaN if any value is: two passes tell whether there is anything to do.
+    return values.size == 0 or bool(values.min() >= 0 and values.max() < np.inf)
 
 
 def _clean_array(values: np.ndarray, largest: float, active: np.ndarray | None) -> tuple[np.ndarray, dict[str, int]]:
     """(cleaned values, counts of what was wrong among active ones); the same array when nothing was."""
-    # min and max are NaN if any value is: two passes tell whether there is anything to do.
-    if values.size == 0 or (values.min() >= 0 and values.max() < np.inf):
+    if _is_clean(values):
         return values, {}
-    wrong = {"NaN": np.isnan(values), "infinite": np.isposinf(values), "negative": values < 0}
     result = values.copy()
-    result[wrong["NaN"] | wrong["negative"]] = 0
-    result[wrong["infinite"]] = largest
-    counts = {}
-    for name, mask in wrong.items():
-        voxels = mask.any(axis=-1) if active is not None and mask.ndim > active.ndim else mask
-        counts[name] = int(np.count_nonzero(voxels & active if active is not None else voxels))
+    counts = {"NaN": 0, "infinite": 0, "negative": 0}
+    for first, slab in zip(range(0, len(values), _LEAVES), _slabs(result), strict=True):
+        if _is_clean(slab):
+            continue
+        wrong = {"NaN": np.isnan(slab), "infinite": np.isposinf(slab), "negative": slab < 0}
+        slab[wrong["NaN"] | wrong["negative"]] = 0
+        slab[wrong["infinite"]] = largest
+        counted = True if active is None else active[first : first + _LEAVES]
+        for name, mask in wrong.items():
+            voxels = mask.any(axis=-1) if active is not None and mask.ndim > active.ndim else mask
+            counts[name] += int(np.count_nonzero(voxels & counted))
     return result, counts

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from .layout import LEAF_SIZE, VALUE_SPECS, ValueSpec
+from .layout import LEAF_MASK_BYTES, LEAF_SIZE, LEAF_VOXELS, VALUE_SPECS, ValueSpec
 
 DENSE_LIMIT = 1 << 28
 """Voxels that :meth:`Grid.dense` makes at most unless told otherwise: 1 GB of float32."""
@@ -42,6 +42,27 @@ class Tiles:
         return cls(np.zeros((0, 3), np.int32), np.zeros(0, np.int32), np.zeros((0, *spec.shape), spec.scalar))
 
 
+class _LeafActive:
+    """The field ``leaf_active`` of a grid: booleans, held as the bits that a file has of them."""
+
+    def __get__(self, grid: Grid | None, owner: type | None = None) -> np.ndarray:
+        if grid is None:
+            raise AttributeError("leaf_active")  # says that the field has no default
+        masks = grid.leaf_masks
+        if masks.dtype != np.uint8 or masks.shape[1:] != (LEAF_MASK_BYTES,):
+            return masks  # nothing that a grid can be made of, and refused where it is written
+        active = np.unpackbits(masks, axis=1, bitorder="little").view(bool)
+        # A copy that looks like the grid's own: what is written into it would be lost without a word.
+        active.flags.writeable = False
+        return active.reshape(-1, LEAF_SIZE, LEAF_SIZE, LEAF_SIZE)
+
+    def __set__(self, grid: Grid, active: np.ndarray) -> None:
+        active = np.asarray(active)
+        if active.dtype == bool and active.shape[1:] == (LEAF_SIZE,) * 3:
+            active = np.packbits(active.reshape(-1, LEAF_VOXELS), axis=1, bitorder="little")
+        grid.__dict__["_leaf_masks"] = active
+
+
 @dataclass(frozen=True, eq=False)
 class Grid:
     """One grid: everything that OpenVDB would answer about its voxels.
@@ -51,7 +72,8 @@ class Grid:
     * ``leaf_origins``: (L, 3) int32, multiples of 8;
     * ``leaf_values``: (L, 8, 8, 8) [x, y, z], float32, float64, int32 or int64, with a last axis of 3 for vectors;
       inactive voxels keep their values here;
-    * ``leaf_active``: (L, 8, 8, 8) bool;
+    * ``leaf_active``: (L, 8, 8, 8) bool, read-only. Held as bits and made anew whenever it is asked for, so ask once;
+      a grid may be made of the bits too, (L, 64) uint8 as in ``leaf_masks``;
     * ``background``: the value everywhere else (a Python number, or a tuple of three);
     * ``tiles``, ``inactive_tiles``: :class:`Tiles`; of the inactive ones only those that differ from the background;
     * ``grid_class``: "fog volume", "level set", "staggered" or "unknown";
@@ -65,7 +87,7 @@ class Grid:
     index_to_world: np.ndarray
     leaf_origins: np.ndarray
     leaf_values: np.ndarray
-    leaf_active: np.ndarray
+    leaf_active: np.ndarray = _LeafActive()  # type: ignore[assignment]
     background: Any = 0.0
     tiles: Tiles = field(default=None)  # type: ignore[assignment]  # none, of the grid's value type
     inactive_tiles: Tiles = field(default=None)  # type: ignore[assignment]
@@ -86,6 +108,12 @@ class Grid:
         )
 
     @property
+    def leaf_masks(self) -> np.ndarray:
+        """(L, 64) uint8, the bits of ``leaf_active``: byte 8x + y of a leaf holds the voxels along z, the first of
+        which is the lowest bit."""
+        return self.__dict__["_leaf_masks"]
+
+    @property
     def spec(self) -> ValueSpec:
         """The kind of value that the grid holds."""
         return VALUE_SPECS[self.value_type]
@@ -94,24 +122,21 @@ class Grid:
     def active_count(self) -> int:
         """The number of active voxels, those inside tiles included."""
         sizes = self.tiles.size.astype(np.int64)
-        return int(np.count_nonzero(self.leaf_active)) + int((sizes**3).sum())
+        return int(np.bitwise_count(self.leaf_masks).sum(dtype=np.int64)) + int((sizes**3).sum())
 
     @cached_property
     def bounds(self) -> tuple[np.ndarray, np.ndarray] | None:
         """The inclusive index box (lo, hi) of the active voxels, tiles included: two (3,) int64, None if none is."""
         lows, highs = [], []
-        occupied = self.leaf_active.any(axis=(1, 2, 3))
-        if occupied.any():
+        occupied = np.flatnonzero(self.leaf_masks.any(axis=1))
+        if len(occupied):
             origins = self.leaf_origins[occupied].astype(np.int64)
             low, high = np.empty(3, np.int64), np.empty(3, np.int64)
             for axis in range(3):
-                others = tuple(a for a in (1, 2, 3) if a != axis + 1)
                 # Only the outermost leaves decide: no need to look into all the others.
                 first, last = origins[:, axis].min(), origins[:, axis].max()
-                at_first = self.leaf_active[occupied][origins[:, axis] == first].any(axis=(0, *others))
-                at_last = self.leaf_active[occupied][origins[:, axis] == last].any(axis=(0, *others))
-                low[axis] = first + np.flatnonzero(at_first)[0]
-                high[axis] = last + np.flatnonzero(at_last)[-1]
+                low[axis] = first + self._layers(occupied[origins[:, axis] == first], axis)[0]
+                high[axis] = last + self._layers(occupied[origins[:, axis] == last], axis)[-1]
             lows.append(low)
             highs.append(high)
         if len(self.tiles):
@@ -121,6 +146,12 @@ class Grid:
         if not lows:
             return None
         return np.min(lows, axis=0), np.max(highs, axis=0)
+
+    def _layers(self, leaves: np.ndarray, axis: int) -> np.ndarray:
+        """The layers along an axis, 0 to 7, in which any of the leaves has an active voxel."""
+        bits = np.bitwise_or.reduce(self.leaf_masks[leaves], axis=0)
+        active = np.unpackbits(bits, bitorder="little").reshape(LEAF_SIZE, LEAF_SIZE, LEAF_SIZE)
+        return np.flatnonzero(active.any(axis=tuple({0, 1, 2} - {axis})))
 
     def dense(
         self,

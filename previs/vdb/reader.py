@@ -13,12 +13,13 @@ from __future__ import annotations
 
 import errno
 import io
+import mmap
 import os
 import stat
 import struct
 import zlib
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, BinaryIO
@@ -31,6 +32,7 @@ from .layout import ValueSpec
 from .tree import Tree, TreeFormat, read_tree, skip_tree
 
 _DELAYED_LOAD = "__delayedload"  # a table of leaf sizes for OpenVDB's own lazy reading, as large as it is useless here
+_LARGE_TREE = 1 << 24  # bytes from which a tree's are let go while it is decoded
 _BYTE = ValueSpec("bool", np.dtype("u1"))
 # Leaf buffers of the types that are skipped and not read: active mask, origin and, for bool, a mask of values.
 _SKIPPED_LEAVES = {"Tree_bool_5_4_3": 64 + 12 + 64, "Tree_mask_5_4_3": 64 + 12}
@@ -232,7 +234,7 @@ class _Archive:
             index_to_world=entry.index_to_world,
             leaf_origins=tree.leaf_origins,
             leaf_values=tree.leaf_values,
-            leaf_active=tree.leaf_active,
+            leaf_active=tree.leaf_masks,
             background=tree.background.item() if spec.components == 1 else tuple(tree.background.tolist()),
             tiles=tree.tiles,
             inactive_tiles=tree.inactive_tiles,
@@ -244,8 +246,8 @@ class _Archive:
 
     def _tree(self, entry: _Entry) -> Tree:
         if entry.tree_start not in self._trees:
-            data = self._cursor.view(entry.tree_start, entry.tree_end)
-            self._trees[entry.tree_start], _ = read_tree(data, self._format(entry))
+            data, release = self._cursor.releasable(entry.tree_start, entry.tree_end)
+            self._trees[entry.tree_start], _ = read_tree(data, self._format(entry), release)
         return self._trees[entry.tree_start]
 
     def _format(self, entry: _Entry) -> TreeFormat:
@@ -375,6 +377,27 @@ class _Cursor:
         if isinstance(self.file, io.BytesIO):
             return self.file.getbuffer()[start:stop]
         return memoryview(_Cursor(self.file, start, stop).take(stop - start))
+
+    def releasable(self, start: int, stop: int) -> tuple[memoryview, Callable[[int], None]]:
+        """The bytes of a range, and what gives the memory of so many of the first of them back to the system."""
+        count = stop - start
+        if isinstance(self.file, io.BytesIO) or count < _LARGE_TREE or not hasattr(mmap, "MADV_DONTNEED"):
+            return self.view(start, stop), lambda _: None
+        # A copy: if the file itself were mapped, one that is cut off meanwhile would end the process.
+        held = mmap.mmap(-1, count, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        self.file.seek(start)
+        if self.file.readinto(held) != count:
+            raise ValueError("it became shorter while it was read")
+        released = 0
+
+        def release(position: int) -> None:
+            nonlocal released
+            whole = min(position, count) // mmap.PAGESIZE * mmap.PAGESIZE
+            if whole > released:
+                held.madvise(mmap.MADV_DONTNEED, released, whole - released)
+                released = whole
+
+        return memoryview(held), release
 
 
 _VECTOR_METADATA = {

@@ -11,6 +11,7 @@ cannot ask for many; a constant 32³ node packs well, so tiles are bounded by a 
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,26 +65,32 @@ class Tree:
     background: np.ndarray
     leaf_origins: np.ndarray
     leaf_values: np.ndarray
-    leaf_active: np.ndarray
+    leaf_masks: np.ndarray
     tiles: Tiles
     inactive_tiles: Tiles
 
 
-def read_tree(data: memoryview, tree_format: TreeFormat) -> tuple[Tree, int]:
-    """Decode the tree at the start of ``data``; also the number of bytes that it takes."""
+def read_tree(
+    data: memoryview, tree_format: TreeFormat, decoded: Callable[[int], None] = lambda _: None
+) -> tuple[Tree, int]:
+    """Decode the tree at the start of ``data``; also the number of bytes that it takes.
+
+    ``decoded`` is told now and then how many of the first bytes are not needed any more.
+    """
     topology = _Topology(data, tree_format)
     topology.read(with_tiles=True)
     origins, masks = topology.leaves()
     _check_room(len(origins), len(data) - topology.position)
-    active = np.unpackbits(masks, axis=1, bitorder="little").view(bool)
-    values, position = _read_leaves(data, topology.position, active, topology.background, tree_format)
+    # Tiles and all else that came before the leaves must not be views of bytes that are let go.
+    background, tiles = topology.background.copy(), topology.tiles()
+    values, position = _read_leaves(data, topology.position, masks, background, tree_format, decoded)
     shape = (len(origins), 8, 8, 8)
     tree = Tree(
-        topology.background,
+        background,
         origins,
         values.reshape(*shape, *tree_format.spec.shape),
-        active.reshape(shape),
-        *topology.tiles(),
+        masks,
+        *tiles,
     )
     return tree, position
 
@@ -308,14 +315,19 @@ def _read_inactive(
 
 
 def _read_leaves(
-    data: memoryview, position: int, active: np.ndarray, background: np.ndarray, tree_format: TreeFormat
+    data: memoryview,
+    position: int,
+    masks: np.ndarray,
+    background: np.ndarray,
+    tree_format: TreeFormat,
+    decoded: Callable[[int], None],
 ) -> tuple[np.ndarray, int]:
-    """The values (L, 512) of leaves whose active masks are given, and the position after their buffers."""
+    """The values (L, 512) of leaves whose active masks (L, 64) are given, and the position after their buffers."""
     spec = tree_format.spec
-    values = np.empty((len(active), layout.LEAF_VOXELS, *spec.shape), spec.scalar)
-    for first in range(0, len(active), _BATCH):
-        part, mask = values[first : first + _BATCH], active[first : first + _BATCH]
-        counts = np.count_nonzero(mask, axis=1).tolist()
+    values = np.empty((len(masks), layout.LEAF_VOXELS, *spec.shape), spec.scalar)
+    for first in range(0, len(masks), _BATCH):
+        part, bits = values[first : first + _BATCH], masks[first : first + _BATCH]
+        mask, counts = np.unpackbits(bits, axis=1, bitorder="little").view(bool), _active_counts(bits)
         chunks, oddities, position = _scan_leaves(data, position, counts, tree_format, background=background)
         present = mask
         if tree_format.drops_inactive:
@@ -332,6 +344,7 @@ def _read_leaves(
             part[...] = stored.reshape(part.shape)
         else:
             part[present] = stored
+        decoded(position)
     return values, position
 
 

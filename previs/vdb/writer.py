@@ -48,6 +48,8 @@ def write(
         raise ValueError(f'compression must be "zip" or "none", not {compression!r}')
     grids = [grids] if isinstance(grids, Grid) else list(grids)
     flags = layout.COMPRESS_ZIP * (compression == "zip") | layout.COMPRESS_ACTIVE_MASK * active_mask
+    for grid in grids:
+        _check_leaves(grid)
     bodies = [_grid_body(grid, flags, metadata) for grid, metadata in zip(grids, _metadata(grids, flags), strict=True)]
     _replace_file(path, _assemble(grids, bodies))
 
@@ -193,24 +195,23 @@ def _grid_body(grid: Grid, flags: int, metadata: dict[str, bytes]) -> _Body:
     head = struct.pack("<I", flags) + _metadata_map(metadata)
     head += _string("AffineMap") + matrix.astype("<f8").tobytes()
     head += struct.pack("<i", 1)  # buffers per leaf: more than one is history
-    order = _leaf_order(grid)
-    masks = np.packbits(grid.leaf_active[order].reshape(len(order), layout.LEAF_VOXELS), axis=1, bitorder="little")
+    # In the order in which a walk of the tree meets the leaves.
+    order = _tree_order(np.asarray(grid.leaf_origins))
+    masks = grid.leaf_masks[order]
     topology = _topology(grid, order, masks, flags)
     buffers = _leaf_buffers(grid, order, masks, flags)
     return _Body(b"".join([head, topology, *buffers]), len(head) + len(topology))
 
 
-def _leaf_order(grid: Grid) -> np.ndarray:
-    """The order in which a walk of the tree meets the leaves, after checks of their lattice."""
+def _check_leaves(grid: Grid) -> None:
     origins = np.asarray(grid.leaf_origins)
     shape = (len(origins), 8, 8, 8)
     if origins.shape != (len(origins), 3) or grid.leaf_values.shape != (*shape, *grid.spec.shape):
         raise ValueError(f"grid {grid.name!r}: leaf values must be {(*shape, *grid.spec.shape)}")
-    if grid.leaf_active.shape != shape or grid.leaf_active.dtype != bool:
+    if grid.leaf_masks.shape != (len(origins), layout.LEAF_MASK_BYTES) or grid.leaf_masks.dtype != np.uint8:
         raise ValueError(f"grid {grid.name!r}: leaf_active must be {shape} booleans")
     if (origins % layout.LEAF_SIZE).any():
         raise ValueError(f"grid {grid.name!r}: leaf origins must be multiples of 8")
-    return _tree_order(origins)
 
 
 def _tree_order(origins: np.ndarray) -> np.ndarray:
@@ -238,7 +239,7 @@ def _leaf_buffers(grid: Grid, order: np.ndarray, masks: np.ndarray, flags: int) 
     kept = np.ones((count, layout.LEAF_VOXELS), bool)
     heads = [bytes([layout.INACTIVE_STORED])] * count
     if flags & layout.COMPRESS_ACTIVE_MASK:
-        active = grid.leaf_active[order].reshape(count, layout.LEAF_VOXELS)
+        active = np.unpackbits(masks, axis=1, bitorder="little").view(bool)
         single, heads = _inactive_values(values, active, np.asarray(grid.background, spec.scalar))
         kept = active | ~single[:, None]
     stream = memoryview(values[kept].tobytes())
