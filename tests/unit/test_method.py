@@ -31,9 +31,9 @@ def test_every_choice_has_a_record_and_every_record_is_a_choice() -> None:
         assert method_of(Settings(transmittance=name)) is method
 
 
-def test_the_default_is_maps_of_quantiles() -> None:
+def test_the_default_is_slices() -> None:
     method = method_of(Settings())
-    assert (method.name, method.curve, method.adaptive) == ("quantile", "quantile", True)
+    assert (method.name, method.curve, method.adaptive) == ("slices", "slices", False)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -44,7 +44,7 @@ def test_what_a_record_says_is_what_shaders_are_compiled_for(name: str) -> None:
     assert set(defines) == set(METHODS["march"].defines(Settings()))
     assert defines["HAS_MAPS"] == method.has_maps == (name != "march")
     assert defines["MAP_ADAPTIVE"] == (name in ("quantile", "tfm"))
-    assert defines["MAP_CURVE"] == (name == "quantile")
+    assert defines["MAP_CURVE"] == {"quantile": 1, "slices": 2}.get(name, 0)
 
 
 @pytest.mark.parametrize("choice", BY_NAME["map_filter"].choices)
@@ -58,9 +58,15 @@ def test_a_texel_holds_its_values_and_two_more(coefficients: int, layers: int) -
     """Two more for the end of the range and what lies behind it; all in vectors of four half floats."""
     settings = Settings(coefficients=coefficients)
     for method in METHODS.values():
+        if not method.has_coefficients:
+            continue
         assert method.layers(settings) == layers
         assert 4 * layers >= coefficients + 2
         assert method.texel_bytes(settings) == 16 + 8 * layers
+
+
+def test_a_texel_of_slices_holds_a_half_float_for_each() -> None:
+    assert METHODS["slices"].texel_bytes(Settings(), 56) == 112
 
 
 def test_a_plan_says_what_a_method_does() -> None:
@@ -88,7 +94,7 @@ def test_a_light_inside_needs_what_is_deep(name: str) -> None:
 
 def test_channels_that_differ() -> None:
     """Cosines take a higher power the more channels differ; quantiles stretched levels where they differ much."""
-    tfm, quantile = Settings(transmittance="tfm"), Settings()
+    tfm, quantile = Settings(transmittance="tfm"), Settings(transmittance="quantile")
     assert stored_curve(SUN, cloud(1.0, 2.0, 5.0), tfm) == (5.0, THRESHOLD, False)
     assert stored_curve(SUN, cloud(0.1, 1.0, 10.0), tfm) == (MOST_WEIGHTING, THRESHOLD, False)
     assert stored_curve(SUN, cloud(1.0, 2.0, 8.0), quantile) == (1.5, THRESHOLD, False)

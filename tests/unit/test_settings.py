@@ -74,7 +74,7 @@ def test_text_becomes_the_type_of_the_knob(name, text, value):
         ("threshold", "nan", "0 or a number from 1e-06 to 0.5"),
         ("ambient", -0.5, "a number of 0 or more"),
         ("projective_steps", "maybe", "true or false"),
-        ("transmittance", "TFM", "one of quantile, tfm, tfm-plain, march"),
+        ("transmittance", "TFM", "one of slices, quantile, tfm, tfm-plain, march"),
         ("map_filter", "", "one of blend, stochastic, nearest"),
     ],
 )
