@@ -62,8 +62,8 @@ def drawn(renderer, description: SceneDescription, **knobs) -> np.ndarray:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", scenes())
 def test_bricks_draw_what_a_block_draws(renderer, name: str, method: str) -> None:
-    """Positions are rounded where a texel lies, which differs, and so does what is known to be empty: the leaps over it,
-    and with them where steps begin. Without leaps nothing but rounding does."""
+    """Positions are rounded where a texel lies, which differs, and so does what is known to be empty: the leaps over
+    it, and with them where steps begin. Without leaps nothing but rounding does."""
     description = scenes()[name]
     for skip_empty, most, mean in ((False, 4e-5, 2e-7), (True, 2e-3, 1e-5)):
         knobs = {"transmittance": method, "skip_empty": skip_empty, "steps": 256}

@@ -85,7 +85,7 @@ def test_marched_pixels_are_those_of_the_whole_march(renderer, size: tuple[int, 
 def test_an_edge_before_fog_has_no_halo(renderer, divisor: int) -> None:
     """A pixel of a pole, and one beside it, have the fog before them that the whole march finds there."""
     index = index_of(scene(FOG, POLE, WIRE, GROUND, SUN))
-    # At fewer steps the whole march is off by half as much as is allowed here: a shadow as thin as a step falls in or out.
+    # At fewer steps the whole march is off by half as much as is allowed here: shadows as thin as a step come and go.
     whole, image = drawn(renderer, index, steps=48), drawn(renderer, index, divisor, steps=48)
     depth = np.where(np.isinf(whole.depth), 100.0, whole.depth)
     near = np.zeros(depth.shape, bool)
