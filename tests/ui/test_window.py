@@ -61,10 +61,15 @@ def test_saved_overrides_give_the_same_picture(drive, tmp_path):
         image = previs.render(scene, fitted(authored, size[0] / size[1])[0], size)
         assert image.stats["settings"]["coefficients"] == 14
     window = np.load(folder / "shown.npy")
-    np.testing.assert_array_equal(image.color, window)
+    np.testing.assert_array_equal(normal(image.color), normal(window))
     exported, linear = io.load_color(folder / "shown.exr")
     assert linear
     np.testing.assert_array_equal(exported, window)
+
+
+def normal(values: np.ndarray) -> np.ndarray:
+    """The values, 0 for denormal ones: whether they are flushed depends on which of the rasteriser's threads draws."""
+    return np.where(np.abs(values) < np.finfo(np.float32).tiny, 0.0, values)
 
 
 def test_files_that_change_on_disk(drive, tmp_path):
