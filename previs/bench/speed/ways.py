@@ -12,7 +12,6 @@ from ..run import Variant
 #: Knobs of what makes pictures faster without being asked for, with the value that does without; see `accelerators`.
 OFF: Mapping[str, Any] = {
     "skip_empty": False,
-    "light_grid": 1,
     "march_divisor": 1,
     "sparse": "off",
     "cull_lights": False,
