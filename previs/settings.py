@@ -252,8 +252,8 @@ TABLE: tuple[Setting, ...] = (
     Setting(
         "sparse",
         "auto",
-        "Whether densities are held on the GPU in bricks, without what is empty: on, off, or auto for those of 4 MiB "
-        "or more that this shrinks by 30 % or more, or that would not fit field_memory otherwise.",
+        "Whether densities are held on the GPU in bricks, without what is empty: on, off, or auto for those "
+        "that this shrinks by 32 MiB and 30 % or more, or that would not fit field_memory otherwise.",
         ("fields",),
         choices=("auto", "on", "off"),
     ),

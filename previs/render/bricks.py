@@ -14,9 +14,9 @@ from __future__ import annotations
 import itertools
 import threading
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -125,6 +125,7 @@ class Occupancy:
         self.background = self._half(np.asarray(grid.background, grid.leaf_values.dtype))
         self._wanted = self._find(grid)
         self._layouts: dict[tuple[int, int], Layout | None] = {}
+        self._lock = threading.Lock()
         self._tables: dict[int, _Pages] = {}
 
     def first(self, edge: int) -> np.ndarray:
@@ -139,16 +140,20 @@ class Occupancy:
         """Where the bricks are in the block: those with voxels of their own, then one for each value that is shared.
         None where the largest texture does not hold it or the table."""
         key = edge, texture_limit
-        if key not in self._layouts:
-            found, counts, table = None, self.counts(edge), self._pages(edge).size
-            if all(n <= min(most, texture_limit) for n, most in zip(table, MOST_TEXELS, strict=True)):
-                places, shared = self._wanted[edge]
-                bricks = _apart(places, counts)
-                # Apart from all others, so that they are joined to none.
-                apart = [(0, counts[1] + 8 * (i + 1), 0) for i in range(len({s.value for s in shared}))]
-                found = lay_out(np.concatenate([bricks, np.reshape(apart, (-1, 3)).astype(int)]), edge, texture_limit)
-            self._layouts[key] = found
-        return self._layouts[key]
+        with self._lock:
+            if key not in self._layouts:
+                self._layouts[key] = self._lay_out(edge, texture_limit)
+            return self._layouts[key]
+
+    def _lay_out(self, edge: int, texture_limit: int) -> Layout | None:
+        counts, table = self.counts(edge), self._pages(edge).size
+        if any(n > min(most, texture_limit) for n, most in zip(table, MOST_TEXELS, strict=True)):
+            return None
+        places, shared = self._wanted[edge]
+        bricks = _apart(places, counts)
+        # Apart from all others, so that they are joined to none.
+        apart = [(0, counts[1] + 8 * (i + 1), 0) for i in range(len({s.value for s in shared}))]
+        return lay_out(np.concatenate([bricks, np.reshape(apart, (-1, 3)).astype(int)]), edge, texture_limit)
 
     def nbytes(self, edge: int, texture_limit: int) -> float:
         """Bytes of the block of bricks and of their table; infinite where the largest texture does not hold them."""
@@ -189,16 +194,22 @@ class Occupancy:
     def block(self, grid: SparseGrid, edge: int, texture_limit: int) -> np.ndarray:
         """The block of bricks, float16 (z, y, x)."""
         layout = self._held_layout(edge, texture_limit)
-        return self._slab(grid, edge, layout, 0, layout.size[2])
+        return self._slab(grid, edge, layout, (0, layout.size[2]), None)
 
     def slabs(self, grid: SparseGrid, edge: int, texture_limit: int, memory: int) -> Iterator[tuple[int, np.ndarray]]:
         """The block in parts of about so many bytes, each with the layer along z at which it begins."""
         layout = self._held_layout(edge, texture_limit)
-        layer, begin = layout.size[0] * layout.size[1] * 2, 0
-        for cut, after in zip(layout.cuts[1:], (*layout.cuts[2:], None), strict=True):
-            if after is None or (after - begin) * layer > memory:
-                yield begin, self._slab(grid, edge, layout, begin, cut)
-                begin = cut
+        layer, begins = layout.size[0] * layout.size[1] * 2, [0]
+        for cut, after in itertools.pairwise(layout.cuts[1:]):
+            if (after - begins[-1]) * layer > memory:
+                begins.append(cut)
+        # Which leaves are in which part is found once: most are in one or two.
+        origins, inside = grid.leaf_origins, np.zeros((len(begins), len(grid.leaf_origins)), bool)
+        for first in range(0, len(origins), _BATCH):
+            for _, held, number in self._bricks_of(origins[first : first + _BATCH].astype(np.int64), edge):
+                inside[np.searchsorted(begins, layout.origins[number, 2], "right") - 1, first + held] = True
+        for span, leaves in zip(itertools.pairwise([*begins, layout.size[2]]), inside, strict=True):
+            yield span[0], self._slab(grid, edge, layout, span, np.flatnonzero(leaves))
 
     def _pages(self, edge: int) -> _Pages:
         if edge not in self._tables:
@@ -214,8 +225,12 @@ class Occupancy:
         assert layout is not None
         return layout
 
-    def _slab(self, grid: SparseGrid, edge: int, layout: Layout, begin: int, end: int) -> np.ndarray:
-        places, shared = self._wanted[edge]
+    def _slab(
+        self, grid: SparseGrid, edge: int, layout: Layout, span: tuple[int, int], leaves: np.ndarray | None
+    ) -> np.ndarray:
+        """The layers of the block from the first of `span` up to and without its second; `leaves` are the numbers of
+        those that reach into it, None all."""
+        (places, shared), (begin, end) = self._wanted[edge], span
         block = np.zeros((end - begin, layout.size[1], layout.size[0]), np.float16)
         if self.background != 0.0:
             block[...] = self.background
@@ -224,12 +239,12 @@ class Occupancy:
         for value, (x, y, z) in zip(values, origins[len(places) :], strict=True):
             if 0 <= z < end - begin:
                 block[z : z + edge + 1, y : y + edge + 1, x : x + edge + 1] = value
-        for leaves, held in self._leaves(grid):
-            self._copy(leaves, held, edge, places, origins, block)
+        for at, held in self._leaves(grid, leaves):
+            self._copy(at, held, edge, origins, block)
         for origin, size, value in self._large_tiles(grid):
-            for leaves in _shell(origin, size, edge, self.lo, self.hi):
-                held = np.broadcast_to(value, (len(leaves), _LEAF, _LEAF, _LEAF))
-                self._copy(leaves, held, edge, places, origins, block)
+            for at in _shell(origin, size, edge, self.lo, self.hi):
+                held = np.broadcast_to(value, (len(at), _LEAF, _LEAF, _LEAF))
+                self._copy(at, held, edge, origins, block)
         return block
 
     def _half(self, values: np.ndarray) -> np.ndarray:
@@ -240,21 +255,24 @@ class Occupancy:
             values = values / values.dtype.type(self.scale)
         return values.astype(np.float16)
 
-    def _leaves(self, grid: SparseGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Origins (n, 3) and values (n, 8, 8, 8) [x, y, z], also of tiles of that size, with background outside the
-        box."""
+    def _leaves(self, grid: SparseGrid, chosen: np.ndarray | None = None) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Origins (n, 3) and values (n, 8, 8, 8) [x, y, z] of all leaves, or those of the chosen numbers, and of tiles
+        of that size, with background outside the box."""
         for tiles in (grid.inactive_tiles, grid.tiles):
             small = tiles.size == _LEAF
             values = tiles.value[small][:, None, None, None]
             yield from self._clipped(grid, tiles.origin[small], np.broadcast_to(values, (len(values), 8, 8, 8)))
-        yield from self._clipped(grid, grid.leaf_origins, grid.leaf_values)
+        yield from self._clipped(grid, grid.leaf_origins, grid.leaf_values, chosen)
 
     def _clipped(
-        self, grid: SparseGrid, origins: np.ndarray, values: np.ndarray
+        self, grid: SparseGrid, origins: np.ndarray, values: np.ndarray, chosen: np.ndarray | None = None
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         steps = np.arange(_LEAF)
-        for first in range(0, len(origins), _BATCH):
-            part, held = origins[first : first + _BATCH].astype(np.int64), values[first : first + _BATCH]
+        for first in range(0, len(origins if chosen is None else chosen), _BATCH):
+            batch = slice(first, first + _BATCH)
+            if chosen is not None:
+                batch = chosen[batch]
+            part, held = origins[batch].astype(np.int64), values[batch]
             touching = ((part <= self.hi) & (part + _LEAF > self.lo)).all(axis=1)
             if not touching.all():
                 part, held = part[touching], held[touching]
@@ -311,22 +329,29 @@ class Occupancy:
                 filled[edge][tuple(slice(a, b) for a, b in zip(first, end, strict=True))] = False
         return {e: _Wanted(np.flatnonzero(filled[e].transpose(2, 1, 0)), shared[e]) for e in edges}
 
-    def _copy(self, leaves, values, edge: int, places, origins, block: np.ndarray) -> None:
-        """Put leaves into the bricks that hold them, and their first layers into the bricks before, as far as these are
-        in the block."""
+    def _bricks_of(self, leaves: np.ndarray, edge: int) -> Iterator[tuple[tuple[int, ...], np.ndarray, np.ndarray]]:
+        """The bricks with voxels of their own that leaves at (n, 3) are in, and those before them, which have their
+        first layers: (on which sides those are before it, numbers of the leaves, numbers of the bricks)."""
+        places, counts, first = self._wanted[edge].places, self.counts(edge), self.first(edge)
         if not len(places):
             return
-        counts, first, inset = self.counts(edge), self.first(edge), leaves % edge
-        targets = []
+        inset = leaves % edge
         for side in _SIDES:
             held = np.flatnonzero((inset[:, np.array(side, bool)] == 0).all(axis=1))
             brick = leaves[held] // edge - first - side
             inside = ((brick >= 0) & (brick < counts)).all(axis=1)
-            held, brick = held[inside], brick[inside]
-            place = _joined(brick, counts)
+            held, place = held[inside], _joined(brick[inside], counts)
             number = np.minimum(np.searchsorted(places, place), len(places) - 1)
+            found = places[number] == place
+            yield side, held[found], number[found]
+
+    def _copy(self, leaves: np.ndarray, values: np.ndarray, edge: int, origins: np.ndarray, block: np.ndarray) -> None:
+        """Put leaves into the bricks that hold them, and their first layers into the bricks before, as far as these are
+        in the block."""
+        inset, targets = leaves % edge, []
+        for side, held, number in self._bricks_of(leaves, edge):
             begin = origins[number, 2]
-            chosen = (places[number] == place) & (begin >= 0) & (begin < len(block))
+            chosen = (begin >= 0) & (begin < len(block))
             held, number = held[chosen], number[chosen]
             targets.append((side, held, origins[number] + np.where(side, edge, inset[held])))
         needed = np.zeros(len(leaves), bool)
@@ -446,16 +471,43 @@ class _CellsOfLeaves:
         return with_distances(self._bits.view(np.float16)), self._edge
 
 
-_lock = threading.Lock()
-_known: weakref.WeakKeyDictionary[SparseGrid, Occupancy] = weakref.WeakKeyDictionary()
+def least_bytes(grid: SparseGrid) -> int:
+    """Bytes that bricks of a scalar grid take at the least, found without looking for where they would lie: those of
+    the leaves that are not all background, as every one of them has voxels of its own in any brick."""
+    leaves = grid.leaf_values.reshape(-1, _LEAF**3)
+    background, count = np.asarray(grid.background, leaves.dtype), 0
+    for first in range(0, len(leaves), _BATCH):
+        part = leaves[first : first + _BATCH]
+        count += int(np.count_nonzero((part.max(axis=1) != background) | (part.min(axis=1) != background)))
+    return count * _LEAF**3 * 2
 
 
-def occupancy(grid: SparseGrid) -> Occupancy:
-    """The occupancy of a grid, found once as long as the grid lives."""
-    with _lock:
-        found = _known.get(grid)
-    if found is None:
-        found = Occupancy(grid)
-        with _lock:
-            _known[grid] = found
-    return found
+T = TypeVar("T")
+
+
+class _Held(Generic[T]):
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.found: T | None = None
+
+
+class _OncePerGrid(Generic[T]):
+    """A function of a grid that is called once as long as the grid lives; who asks meanwhile waits."""
+
+    def __init__(self, find: Callable[[SparseGrid], T]) -> None:
+        self._find = find
+        self._lock = threading.Lock()
+        self._known: weakref.WeakKeyDictionary[SparseGrid, _Held[T]] = weakref.WeakKeyDictionary()
+
+    def __call__(self, grid: SparseGrid) -> T:
+        with self._lock:
+            held = self._known.setdefault(grid, _Held())
+        with held.lock:
+            if held.found is None:
+                held.found = self._find(grid)
+            return held.found
+
+
+#: Of a grid its `Occupancy` and its `least_bytes`.
+occupancy = _OncePerGrid(Occupancy)
+least_brick_bytes = _OncePerGrid(least_bytes)

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from ..description import Field
-from .bricks import Bricks, occupancy, value_scale
+from .bricks import Bricks, least_brick_bytes, occupancy, value_scale
 from .cells import cell_counts, cell_edge, cells_of
 
 #: Largest edge of a 3D texture assumed when a plan is made without a device; GL 3.3 drivers in use offer this.
@@ -34,8 +34,8 @@ _LEAVES = 4096  # averaged at a time
 SPARSE_ROLES = frozenset({"density"})
 #: A field is held in bricks where they take less than this part of the dense block's bytes, ...
 WORTH_BRICKS = 0.7
-#: ... and that takes as many at the least.
-LEAST_TO_SPARE = 2**22
+#: ... and so many less at the least: a march through bricks takes longer, by a third where they are full.
+LEAST_TO_SPARE = 2**25
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,13 +139,22 @@ def storage(
     if sparse == "off" or components > 1 or field.grid.leaf_values.ndim > 4:
         return Storage(0, factor, dense)
     # No wider than a dense block could be: the steps of a march are counted in voxels.
-    if dims.max() + 2 > texture_limit or (sparse == "auto" and factor == 1 and dense < LEAST_TO_SPARE):
+    if dims.max() + 2 > texture_limit:
+        return Storage(0, factor, dense)
+    is_needed = sparse == "on" or factor > 1
+    # Where bricks would lie takes long to find.
+    if not is_needed and not (_is_worth(0, dense) and _is_worth(least_brick_bytes(field.grid), dense)):
         return Storage(0, factor, dense)
     nbytes, edge = occupancy(field.grid).best(texture_limit)
     nbytes += _cell_bytes(dims + 2)
-    if nbytes <= memory and (sparse == "on" or factor > 1 or nbytes < WORTH_BRICKS * dense):
+    if nbytes <= memory and (is_needed or _is_worth(nbytes, dense)):
         return Storage(edge, 1, int(nbytes))
     return Storage(0, factor, dense)
+
+
+def _is_worth(nbytes: float, dense: int) -> bool:
+    """Whether bricks of so many bytes are better than a dense block of so many."""
+    return nbytes < WORTH_BRICKS * dense and dense - nbytes >= LEAST_TO_SPARE
 
 
 def _dense_bytes(dims: np.ndarray, factor: int, components: int) -> int:
@@ -252,7 +261,7 @@ class PackedStore:
         try:
             held.packed = pack(f, memory, texture_limit, components, sparse)
             if components == 1:
-                held.packed.cells  # noqa: B018  # computed here rather than by the thread that draws
+                held.packed.occupied  # noqa: B018  # and the cells: here rather than by the thread that draws
         except BaseException:
             with self._lock:
                 self._stored.pop(key, None)

@@ -32,7 +32,7 @@ from .layout import ValueSpec
 from .tree import Tree, TreeFormat, read_tree, skip_tree
 
 _DELAYED_LOAD = "__delayedload"  # a table of leaf sizes for OpenVDB's own lazy reading, as large as it is useless here
-_LARGE_TREE = 1 << 24  # bytes from which a tree's are let go while it is decoded
+_LARGE_TREE = 1 << 26  # bytes from which a tree's are let go while it is decoded
 _BYTE = ValueSpec("bool", np.dtype("u1"))
 # Leaf buffers of the types that are skipped and not read: active mask, origin and, for bool, a mask of values.
 _SKIPPED_LEAVES = {"Tree_bool_5_4_3": 64 + 12 + 64, "Tree_mask_5_4_3": 64 + 12}

@@ -8,8 +8,10 @@ from building import camera, distant, field, index_of, point, rotation, scene, s
 
 from previs import Medium, Settings
 from previs.description import Field, SceneDescription, Volume
+from previs.render import fields
+from previs.render.bricks import EDGES, least_bytes, occupancy
 from previs.render.plan import make_plan
-from previs.vdb.grid import Tiles
+from previs.vdb.grid import Grid, Tiles
 
 pytestmark = pytest.mark.gl
 
@@ -76,25 +78,72 @@ def test_bricks_draw_what_a_block_draws(renderer, name: str, method: str) -> Non
         assert difference.mean() < mean * dense.max()
 
 
-def test_only_what_takes_less_is_in_bricks() -> None:
-    """`auto` leaves small fields and filled ones as they are; the plan says what it does, and how much that takes."""
+def of_leaves(places: np.ndarray) -> Field:
+    """A field that is 1 in the leaves at (n, 3), counted in leaves, and 0 elsewhere."""
+    values = np.broadcast_to(np.float32(1.0), (len(places), 8, 8, 8))
+    grid = Grid("density", np.eye(4), (places * 8).astype(np.int32), values, values > 0.0)
+    return Field(f"leaves {places.shape} up to {places.max()}", grid, np.eye(4))
 
-    def fields_pass(values: np.ndarray, **knobs):
-        index = index_of(scene(volume(values, MEDIUM), distant((1, -1, 0))))
+
+def corners(n: int) -> Field:
+    """Eight full leaves in the corners of a cube of n leaves along an edge."""
+    return of_leaves(np.argwhere(np.ones((2, 2, 2))) * (n - 1))
+
+
+def test_only_what_takes_less_is_in_bricks() -> None:
+    """`auto` leaves fields as they are where bricks take hardly less; the plan says what it does, and how much that
+    takes."""
+
+    def fields_pass(f: Field, **knobs):
+        index = index_of(scene(Volume("/Volume", np.eye(4), MEDIUM, density=f), distant((1, -1, 0))))
         plan = make_plan(index, camera((0, 0, 5)), 8, 8, Settings(**knobs))
         return plan, next(p for p in plan.passes if p.kind == "fields")
 
-    small, full, empty = patches((40, 40, 40)), np.ones((160, 160, 160)), np.zeros((160, 160, 160))
-    empty[::159, ::159, ::159] = 1.0
-    for values, bricks in ((small, False), (full, False), (empty, True)):
-        plan, upload = fields_pass(values)
+    full, empty = of_leaves(np.argwhere(np.ones((36, 36, 36)))), corners(36)
+    half = of_leaves(np.argwhere(np.ones((40, 40, 40)))[::2])
+    for f, bricks in ((corners(20), False), (corners(30), False), (full, False), (half, False), (empty, True)):
+        plan, upload = fields_pass(f)
         assert plan.defines["HAS_SPARSE"] == bricks
         assert ("1 in bricks of" in upload.why) == bricks
     _, dense = fields_pass(empty, sparse="off")
-    assert dense.memory >= 162**3 * 2
-    assert upload.memory < 0.1 * dense.memory
-    assert fields_pass(small, sparse="on")[0].defines["HAS_SPARSE"]
+    assert dense.memory >= 290**3 * 2
+    assert upload.memory < dense.memory - 2**25
+    assert fields_pass(corners(20), sparse="on")[0].defines["HAS_SPARSE"]
     assert not fields_pass(empty, sparse="off")[0].defines["HAS_SPARSE"]
+
+
+def test_dense_fields_are_not_searched_for_bricks(monkeypatch) -> None:
+    """Where bricks cannot take less by enough nobody finds out where they would lie."""
+
+    def refuse(grid):
+        raise AssertionError("looked for bricks")
+
+    monkeypatch.setattr(fields, "occupancy", refuse)
+    full = of_leaves(np.argwhere(np.ones((36, 36, 36))))
+    assert [fields.storage(f, 2**29, sparse="auto").edge for f in (corners(30), full)] == [0, 0]
+    with pytest.raises(AssertionError, match="looked"):
+        fields.storage(corners(36), 2**29, sparse="auto")
+
+
+def test_least_bytes_are_no_more_than_bricks_take() -> None:
+    for f in (with_tiles(field(patches((60, 40, 50)))), field(patches((40, 33, 50), 0.25), background=0.25)):
+        nbytes, _ = occupancy(f.grid).best(2048)
+        assert 0 < least_bytes(f.grid) <= nbytes
+    leafless = replace(f.grid, leaf_origins=np.zeros((0, 3), np.int32), leaf_values=np.zeros((0, 8, 8, 8), np.float32))
+    assert least_bytes(leafless) == 0
+
+
+def test_a_block_in_slabs_is_the_block() -> None:
+    """Whatever the cuts: leaves that reach into several parts are in all of them."""
+    for f in (with_tiles(field(patches((60, 40, 50)))), field(patches((70, 33, 50), 0.25), background=0.25)):
+        found = occupancy(f.grid)
+        for edge in EDGES:
+            block = found.block(f.grid, edge, 256)
+            for memory in (1, block.nbytes // 2, 2**30):
+                slabs = list(found.slabs(f.grid, edge, 256, memory))
+                assert [first for first, _ in slabs] == np.cumsum([0, *(len(s) for _, s in slabs)])[:-1].tolist()
+                np.testing.assert_array_equal(np.concatenate([s for _, s in slabs]), block)
+            assert edge > 8 or len(list(found.slabs(f.grid, edge, 256, 1))) > 1
 
 
 def test_bricks_are_taken_before_a_field_is_reduced() -> None:

@@ -1,5 +1,7 @@
 """Sparse grids from arrays and back: no files here."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -130,3 +132,23 @@ def test_dense_converts_what_it_spreads(order):
     half = grid.dense(low, high, dtype=np.float16, divisor=40.0, order=order)
     assert half.dtype == np.float16 and np.array_equal(half, expected)
     assert half.flags[f"{order}_CONTIGUOUS"]
+
+
+def test_which_voxels_are_active_is_held_as_bits():
+    active = np.random.default_rng(2).random((3, 8, 8, 8)) < 0.2
+    origins = np.array([[0, 0, 0], [8, 0, 0], [-16, 8, 0]], np.int32)
+    grid = Grid("density", np.eye(4), origins, np.zeros((3, 8, 8, 8), np.float32), active)
+    np.testing.assert_array_equal(grid.leaf_active, active)
+    assert grid.leaf_masks.nbytes == active.size // 8
+    for i, x, y, z in np.argwhere(active):
+        assert grid.leaf_masks[i, 8 * x + y] >> z & 1
+    assert grid.active_count == np.count_nonzero(active)
+    places = (np.argwhere(active)[:, 1:] + origins[np.nonzero(active)[0]]).astype(int)
+    np.testing.assert_array_equal(grid.bounds, [places.min(axis=0), places.max(axis=0)])
+    for same in (replace(grid, name="b"), replace(grid, leaf_active=grid.leaf_masks)):
+        np.testing.assert_array_equal(same.leaf_active, active)
+    np.testing.assert_array_equal(replace(grid, leaf_active=~active).leaf_active, ~active)
+    with pytest.raises(ValueError, match="read-only"):
+        grid.leaf_active[0] = True
+    with pytest.raises(TypeError, match="leaf_active"):
+        Grid("density", np.eye(4), origins, np.zeros((3, 8, 8, 8), np.float32))

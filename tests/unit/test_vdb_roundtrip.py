@@ -1,5 +1,6 @@
 """What our writer writes, our reader reads back equal."""
 
+import mmap
 import os
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from previs import vdb
-from previs.vdb import Grid, Tiles
+from previs.vdb import Grid, Tiles, reader, tree
 
 SHEARED = np.array([[0.1, 0.02, 0, 0], [0, -0.2, 0.03, 0], [-0.05, 0, 0.3, 0], [4, 5, 6, 1]])
 FILES = [("zip", True), ("zip", False), ("none", True), ("none", False)]
@@ -241,3 +242,33 @@ def test_a_single_grid_needs_no_list(tmp_path):
     vdb.write(tmp_path / "one.vdb", grid)
     vdb.write(tmp_path / "list.vdb", [grid])
     assert (tmp_path / "one.vdb").read_bytes() == (tmp_path / "list.vdb").read_bytes()
+
+
+@pytest.mark.parametrize("compression", ["zip", "none"])
+def test_bytes_are_let_go_when_they_are_decoded(tmp_path, monkeypatch, compression):
+    """What is read does not lie in the memory that is given back on the way."""
+    path = tmp_path / "file.vdb"
+    grids = [
+        _with_oddities(),
+        Grid.from_dense("background", _sparse((40, 64, 48), 0.1), background=0.125),
+        Grid.from_dense("vectors", _sparse((20, 40, 20, 3), 0.1)),
+    ]
+    vdb.write(path, grids, compression)
+    released = []
+    with monkeypatch.context() as patched:
+        patched.setattr(reader, "_LARGE_TREE", 1)
+        patched.setattr(tree, "_BATCH", 16)
+        patched.setattr(mmap, "mmap", _counting(mmap.mmap, released))
+        found = vdb.read(path)
+    assert sum(released) > 0.5 * path.stat().st_size
+    for again, grid in zip(found, vdb.read(path), strict=True):
+        _same(again, grid)
+
+
+def _counting(mapping, released):
+    class Counting(mapping):
+        def madvise(self, advice, start, length):
+            released.append(length)
+            super().madvise(advice, start, length)
+
+    return Counting
