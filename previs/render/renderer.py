@@ -21,8 +21,10 @@ from .frame import BACKGROUND_DISTANCE, Frame
 from .passes import RUNNERS
 from .plan import make_plan
 from .planned import Atlases, DeviceLimits, Plan, PlannedPass
+from .precision import density_range
 from .scattered import ScatteredPixels
 from .shader import ShaderError
+from .versioned import FITS
 
 #: Components of a texel by what a field is used for.
 FIELD_COMPONENTS = {"density": 1, "temperature": 1, "emission": 4}
@@ -457,6 +459,9 @@ class Renderer:
         memory, limit = settings.field_memory * 2**20, self.limits.texture_3d_size
         sparse = settings.sparse if role in SPARSE_ROLES else "off"
         self._frame.shared.packed.prepare(f, memory, limit, FIELD_COMPONENTS.get(role, 1), sparse)
+        if role == "density":
+            # Plans ask for it, and it takes a look at every voxel.
+            FITS.get(("densities", f.key), lambda: density_range(f.grid))
 
     def forget_drawn(self) -> None:
         """Let the next draw run every pass again but the upload of the voxels, which stay."""
