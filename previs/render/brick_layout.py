@@ -24,7 +24,7 @@ MOST_TEXELS = (2047, 2047, 1023)
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where each of the bricks begins in the block, (n, 3) texels along x, y, z, and the size of the block.
+    """Where each of the bricks begins in the block, (n, 3) int16, texels along x, y, z, and the size of the block.
 
     No brick lies across one of the `cuts` along z, which begin with 0 and end with the depth of the block.
     """
@@ -61,8 +61,9 @@ def lay_out(bricks: np.ndarray, edge: int, texture_limit: int) -> Layout | None:
         None where no block of that size holds them.
     """
     if not len(bricks):
-        return Layout(np.zeros((0, 3), np.int64), (1, 1, 1), (0, 1))
-    found = [_lay_out(_join(bricks, sections), edge, texture_limit, len(bricks)) for sections in SECTIONS]
+        return Layout(np.zeros((0, 3), np.int16), (1, 1, 1), (0, 1))
+    # One after the other, as each takes memory.
+    found = (_lay_out(_join(bricks, sections), edge, texture_limit, len(bricks)) for sections in SECTIONS)
     return min((f for f in found if f is not None), key=lambda f: f.texels, default=None)
 
 
@@ -95,7 +96,7 @@ def _lay_out(bars: list[_Bars], edge: int, texture_limit: int, count: int) -> La
     if best is None:
         return None
     _, width, height, depth, lines = best
-    origins = np.zeros((count, 3), np.int64)
+    origins = np.zeros((count, 3), np.int16)
     shelf, cuts = 0, [0]
     for group, found in zip(bars, lines, strict=True):
         if not found:

@@ -204,12 +204,18 @@ class Occupancy:
             if (after - begins[-1]) * layer > memory:
                 begins.append(cut)
         # Which leaves are in which part is found once: most are in one or two.
-        origins, inside = grid.leaf_origins, np.zeros((len(begins), len(grid.leaf_origins)), bool)
-        for first in range(0, len(origins), _BATCH):
-            for _, held, number in self._bricks_of(origins[first : first + _BATCH].astype(np.int64), edge):
-                inside[np.searchsorted(begins, layout.origins[number, 2], "right") - 1, first + held] = True
-        for span, leaves in zip(itertools.pairwise([*begins, layout.size[2]]), inside, strict=True):
-            yield span[0], self._slab(grid, edge, layout, span, np.flatnonzero(leaves))
+        leaves, parts = [], []
+        for first in range(0, len(grid.leaf_origins), _BATCH):
+            at = grid.leaf_origins[first : first + _BATCH].astype(np.int64)
+            inside = np.zeros((len(at), len(begins)), bool)
+            for _, held, number in self._bricks_of(at, edge):
+                inside[held, np.searchsorted(begins, layout.origins[number, 2], "right") - 1] = True
+            leaf, part = np.nonzero(inside)
+            leaves.append((first + leaf).astype(np.int32))
+            parts.append(part.astype(np.int32))
+        leaf, part = (np.concatenate([np.zeros(0, np.int32), *found]) for found in (leaves, parts))
+        for number, span in enumerate(itertools.pairwise([*begins, layout.size[2]])):
+            yield span[0], self._slab(grid, edge, layout, span, leaf[part == number])
 
     def _pages(self, edge: int) -> _Pages:
         if edge not in self._tables:
@@ -234,7 +240,7 @@ class Occupancy:
         block = np.zeros((end - begin, layout.size[1], layout.size[0]), np.float16)
         if self.background != 0.0:
             block[...] = self.background
-        origins = layout.origins - (0, 0, begin)
+        origins = layout.origins - np.array((0, 0, begin), np.int16)
         values = sorted({s.value for s in shared})
         for value, (x, y, z) in zip(values, origins[len(places) :], strict=True):
             if 0 <= z < end - begin:
@@ -296,7 +302,7 @@ class Occupancy:
 
     def _find(self, grid: SparseGrid) -> dict[int, _Wanted]:
         edges = [e for e in EDGES if int(np.prod(self.counts(e))) <= MOST_ENTRIES]
-        filled = {e: np.zeros(tuple(self.counts(e)), bool) for e in edges}
+        filled = {e: np.zeros(tuple(self.counts(e)), bool, order="F") for e in edges}
         ground = self.background.view(np.uint16)
         for origins, values in self._leaves(grid):
             bits = self._half(values).view(np.uint16)
