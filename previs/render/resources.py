@@ -139,8 +139,8 @@ def _hollow(block: PackedField) -> PackedField:
     """A block of the same shape, whose values and table take no memory."""
     bricks = block.bricks
     if bricks is not None:
-        bricks = dataclasses.replace(bricks, table=np.broadcast_to(bricks.table[:1, :1, :1], bricks.table.shape))
-    values = np.broadcast_to(block.values.reshape(-1)[:1].reshape((1,) * block.values.ndim), block.values.shape)
+        bricks = dataclasses.replace(bricks, table=np.broadcast_to(bricks.table.dtype.type(0), bricks.table.shape))
+    values = np.broadcast_to(block.values.dtype.type(0), block.values.shape)
     cells = block.cells if block.given_cells is not None or "cells" in block.__dict__ else None
     return dataclasses.replace(block, values=values, bricks=bricks, given_cells=cells)
 

@@ -1,5 +1,6 @@
 """Density fields in bricks give the picture that dense ones give."""
 
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from previs.description import Field, SceneDescription, Volume
 from previs.render import fields
 from previs.render.bricks import EDGES, least_bytes, occupancy
 from previs.render.plan import make_plan
+from previs.render.resources import _hollow
 from previs.vdb.grid import Grid, Tiles
 
 pytestmark = pytest.mark.gl
@@ -161,6 +163,24 @@ def test_bricks_are_taken_before_a_field_is_reduced() -> None:
     assert any("averaged" in n.message for n in plan(sparse="off").notes)
     index = index_of(scene(volume(np.ones((200, 200, 200)), MEDIUM), distant((1, -1, 0))))
     assert any("averaged over cubes of 4³" in n.message for n in plan().notes)
+
+
+@pytest.mark.parametrize("sparse", ["on", "off"])
+def test_a_large_block_is_let_go_when_it_is_uploaded(sparse: str) -> None:
+    """What stays of it tells its shape, and holds none of its memory."""
+
+    def owner(array: np.ndarray) -> np.ndarray:
+        return array if array.base is None else owner(array.base)
+
+    packed = fields.pack(field(patches((60, 40, 50))), 2**29, sparse=sparse)
+    assert packed.cells[0].max() > 0
+    arrays = [packed.values] + ([packed.bricks.table] if packed.bricks is not None else [])
+    held, size, nbytes = [weakref.ref(owner(a)) for a in arrays], packed.size, packed.nbytes
+    hollow = _hollow(packed)
+    del packed, arrays
+    assert [array() for array in held] == [None] * len(held)
+    assert (hollow.size, hollow.nbytes) == (size, nbytes)
+    assert hollow.cells[0].max() > 0
 
 
 def test_the_planned_memory_is_that_of_the_textures(renderer) -> None:
