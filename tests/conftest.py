@@ -8,8 +8,12 @@ import previs
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The window first: its tests wait much and are the longest of one file; others fill the time beside them."""
-    items.sort(key=lambda item: "tests/ui" not in item.path.as_posix())
+    """The longest files first, so that none is left alone at the end: the window's, whose tests wait much, and the
+    random scenes'."""
+    longest = ("tests/ui", "tests/property")
+    items.sort(
+        key=lambda item: next((n for n, part in enumerate(longest) if part in item.path.as_posix()), len(longest))
+    )
 
 
 @pytest.fixture(scope="session")
