@@ -166,7 +166,7 @@ def share_misplaced(color: np.ndarray, made: RandomScene, size: tuple[int, int] 
     return float(excess.sum()) / lit / scale if scale > 0.0 else float(excess.max())
 
 
-@examples(200)
+@examples(100)
 @given(made=scenes(GENTLE, STRUCTURES))
 def test_march_equals_the_reference(made: RandomScene, renderer: previs.Renderer) -> None:
     """At converged steps the brute-force march is the quadrature's picture."""
