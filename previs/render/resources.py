@@ -274,6 +274,7 @@ class FieldAtlas:
         for first, slab in block.slabs() if block.slabs is not None else ():
             depth, height, width = slab.shape
             texture.write(slab, viewport=(x, y, z + first, width, height, depth))
+            del slab  # before the next is made
 
     def _shaped(self, block: PackedField) -> np.ndarray:
         """The block's values with the atlas's number of components; only their shape where they come in slabs."""
