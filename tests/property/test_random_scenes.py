@@ -227,8 +227,9 @@ def assert_bounded(renderer: previs.Renderer, made: RandomScene, **knobs) -> Non
         assert 0.0 <= image.alpha.min() and image.alpha.max() <= 1.0, method
         passed = image.aovs.get("transmittance", np.ones(1))
         assert 0.0 <= passed.min() and passed.max() <= 1.0, method
-        # Of few steps, which shadows cut where their edges are: distances and angles are taken at other places then.
-        assert np.all(image.color <= most * 1.05 + 1e-3 * most.max()), method
+        # Of few steps, which shadows cut where their edges are: a soft cone, looked at once a step, is then met
+        # elsewhere. What this is for is light out of nothing.
+        assert np.all(image.color <= 1.5 * most + 0.02 * most.max()), method
 
 
 @examples(30)
