@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from typing import Any
 
 import moderngl
@@ -10,8 +10,9 @@ import numpy as np
 
 from .. import blackbody
 from . import uniforms
+from .covered import common
 from .fields import PackedStore
-from .pieces import Kind, Pace, Piece
+from .pieces import Box, Kind, Pace, Piece
 from .planned import Plan
 from .resources import FieldAtlas, MapAtlas, MeshStore, ShadowAtlas, Targets
 from .shader import Program, ShaderCache
@@ -136,6 +137,19 @@ class Frame:
         vertex_array = self.context.vertex_array(program.program, [])
         vertex_array.render(moderngl.TRIANGLES, vertices=3)
         vertex_array.release()
+
+    def draw_parts(
+        self, program: Program, framebuffer: moderngl.Framebuffer, within: Box | None, parts: Sequence[Box] | None
+    ) -> None:
+        """Run a program made by `fullscreen` over parts of a framebuffer, as far as they are within a rectangle; None
+        stands for all of it in both."""
+        for part in (None,) if parts is None else parts:
+            scissor = within if part is None else common(within, part)
+            if part is None or scissor is not None:
+                framebuffer.scissor = scissor
+                framebuffer.use()
+                self.draw_fullscreen(program)
+        framebuffer.scissor = None
 
     def bind(self, **textures: moderngl.Texture | moderngl.Texture3D | None) -> None:
         """Bind textures to the units of the samplers of that name."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import moderngl
 import numpy as np
 
-from ..covered import common, covered_boxes
+from ..covered import covered_boxes
 from ..draws import light_steps_across
 from ..frame import Frame
 from ..method import SLICES_PER_DRAW
@@ -65,13 +65,7 @@ def fill_slices(frame: Frame, planned: PlannedPass) -> Iterator[float]:
                     )
                     frame.bind(previous_depth=targets.previous(number))
                     frame.context.enable_only(moderngl.NOTHING)
-                    for box in (None,) if boxes is None else boxes:
-                        part = piece.scissor if box is None else common(piece.scissor, box)
-                        if box is None or part is not None:
-                            framebuffer.scissor = part
-                            framebuffer.use()
-                            frame.draw_fullscreen(program)
-                    framebuffer.scissor = None
+                    frame.draw_parts(program, framebuffer, piece.scissor, boxes)
                 if piece.done < done[1]:
                     yield piece.done
             targets.copy(number, frame.slices.texture, plan.map_atlas.corner(item.tile))

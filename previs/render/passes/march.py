@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import moderngl
 
-from ..covered import common, covered_boxes
+from ..covered import covered_boxes
 from ..draws import other_iterations, projective_minimum
 from ..frame import Frame
 from ..pieces import Box
@@ -95,13 +95,7 @@ def march(
                     held = ("previous_scattered", "previous_transmittance", "previous_emission")
                     frame.bind(**dict(zip(held, previous.color_attachments, strict=False)))
                 frame.context.enable_only(flags)
-                for box in (None,) if boxes is None else boxes:
-                    part_of_piece = piece.scissor if box is None else common(piece.scissor, box)
-                    if box is None or part_of_piece is not None:
-                        target.scissor = part_of_piece
-                        target.use()
-                        frame.draw_fullscreen(program)
-                target.scissor = None
+                frame.draw_parts(program, target, piece.scissor, boxes)
                 if len(draws) > 1:
                     frame.context.finish()
             yield piece.done
