@@ -1,9 +1,8 @@
 // Single scattering along a view ray, front to back [TFM11 eq. 4]:
 //   L = int T(0, t) [ sum_v sigma_s,v (sum_lights p_v L_i V T_light + ambient) + sigma_a,v L_e,v ] dt
 // Steps end on the bounds of the volumes and on the surface; what is empty is leapt over. Density is read at the ends and the middle of a
-// step and integrated by Simpson's rule. Inside a step both the view's and the light's transmittance are taken as exponentials, whose
-// product is integrated analytically. An optically deep step is cut into several, so that the front of a dense medium is resolved however
-// few steps a ray takes.
+// step and integrated by Simpson's rule; the exponential is taken analytically, and the light evaluated where the step's extinction has its
+// centroid. An optically deep step is cut into several, so that the front of a dense medium is resolved however few steps a ray takes.
 
 #include "include/phase.glsl"
 #include "include/integrate.glsl"
@@ -235,16 +234,16 @@ float light_seen[LIGHT_CAPACITY];
 float light_seen_end[LIGHT_CAPACITY];
 #endif
 
-#if HAS_LIGHTS
 // The step under way.
-float step_begin, step_end;
-float step_longest;    // step of the segment
-vec3 event;            // where the light is evaluated
 bool lit = true;       // whether the light can reach it, of projective steps
 bool may_cut;          // whether it may be tried again shorter
 bool again;            // whether it has to be,
 float wanted;          // and how long it then is at the most
 vec3 scattering[VOLUME_COUNT];
+#if HAS_LIGHTS
+float step_begin, step_end;
+float step_longest;    // step of the segment
+vec3 event;            // where the light is evaluated
 
 #if !HAS_POINT && LIGHT_CAPACITY * VOLUME_COUNT <= 8
 // Distant light meets the ray at one angle everywhere.
@@ -298,11 +297,6 @@ void add_light(int i) {
     }
     gathered += turned * arriving * (seen * light_transmittance(i, event, travel));
 }
-#else
-bool lit = true;
-bool may_cut, again;
-float wanted;
-vec3 scattering[VOLUME_COUNT];
 #endif
 
 void main() {
@@ -360,7 +354,7 @@ void main() {
     bool inside[VOLUME_COUNT];
     float density[VOLUME_COUNT];  // where the next step begins
     for (int v = 0; v < VOLUME_COUNT; ++v) density[v] = 0.0;
-    bool known = false;   // whether that, and the light there, has been found
+    bool known = false;   // whether that, and how much of the lights is seen there, has been found
     float next = s;       // end of the segment: between two neighbouring bounds the same volumes are marched through
     float longest = 1e30; // step of the segment
     float tried = 1e30;   // length of the next step at the most
